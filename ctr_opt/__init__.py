@@ -1,0 +1,31 @@
+"""ctr_opt: concentric-tube continuum robots under external load.
+
+A geometrically exact model (Rucker, Jones and Webster, IEEE T-RO 2010) of nested precurved elastic tubes, written
+symbolically in CasADi and solved with Newton's method and IPOPT. SI units throughout; tube 0 is the innermost.
+"""
+
+from __future__ import annotations
+
+from .equilibrium import BaseMoments as BaseMoments
+from .equilibrium import Equilibrium as Equilibrium
+from .errors import CtrOptError as CtrOptError
+from .errors import DefinitionError as DefinitionError
+from .errors import NestingWarning as NestingWarning
+from .errors import SolveError as SolveError
+from .forward import ForwardProblem as ForwardProblem
+from .robot.actuation import Actuation as Actuation
+from .robot.loads import DistributedLoad as DistributedLoad
+from .robot.loads import PointWrench as PointWrench
+from .robot.precurvature import Arc as Arc
+from .robot.precurvature import PolynomialCurvature as PolynomialCurvature
+from .robot.precurvature import SampledCurvature as SampledCurvature
+from .robot.precurvature import Straight as Straight
+from .robot.robot import Robot as Robot
+from .robot.tube import Tube as Tube
+from .solvers.homotopy import Homotopy as Homotopy
+from .solvers.ipopt import Ipopt as Ipopt
+from .solvers.newton import Newton as Newton
+from .solvers.status import SolveStatus as SolveStatus
+from .transcription.collocation import Collocation as Collocation
+
+__version__ = "0.1.0"

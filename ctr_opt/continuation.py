@@ -1,0 +1,78 @@
+"""From one equilibrium to another: actuation and loads changed in proportion."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from .mechanics.sections import Configuration
+from .robot.actuation import Actuation
+from .robot.checks import Array
+from .solvers.newton import System
+from .transcription.shooting import Shooting
+
+
+@attrs.frozen(eq=False)
+class Route:
+    """The configurations between ``start`` and ``target``, all of the target's robot.
+
+    Actuation runs linearly from one to the other while the first loads fade and the second grow; a load that would
+    fall off its tube on the way stays at its end.
+    """
+
+    start: Configuration
+    target: Configuration
+    integrator: str
+
+    def at(self, parameter: float) -> System:
+        """The shooting problem at a point of the route, in the target's unit of moment."""
+        a, b = self.start.actuation, self.target.actuation
+        actuation = Actuation(
+            a.rotations + parameter * (b.rotations - a.rotations),
+            np.minimum(a.translations + parameter * (b.translations - a.translations), 0.0),
+        )
+        robot = self.target.robot
+        ends = actuation.translations + np.array([tube.length for tube in robot.tubes])
+        loads = [*self.start.loads_on(ends, 1.0 - parameter), *self.target.loads_on(ends, parameter)]
+        configuration = Configuration(robot, actuation, loads)
+        shooting = Shooting(configuration, configuration.mesh(), self.integrator)
+        return _Rescaled(shooting, self.target.scales.moment / configuration.scales.moment)
+
+
+@attrs.frozen(eq=False)
+class Release:
+    """A path from any point to a solution: the residual that the point leaves is released in proportion."""
+
+    system: System
+    offset: Array
+
+    @classmethod
+    def of(cls, system: System, z: Array) -> Release:
+        """The release that starts at ``z``."""
+        return cls(system, system.linearize(z)[0])
+
+    def at(self, parameter: float) -> System:
+        """The system with what is left of the residual taken off."""
+        return _Shifted(self.system, (1.0 - parameter) * self.offset)
+
+
+@attrs.frozen(eq=False)
+class _Shifted:
+    system: System
+    offset: Array
+
+    def linearize(self, z: Array) -> tuple[Array, Array]:
+        residual, jacobian = self.system.linearize(z)
+        return residual - self.offset, jacobian
+
+
+@attrs.frozen(eq=False)
+class _Rescaled:
+    """A problem whose unknowns are given in a unit ``unit`` times its own."""
+
+    shooting: Shooting
+    unit: float
+
+    def linearize(self, z: Array) -> tuple[Array, Array]:
+        residual, jacobian = self.shooting.linearize(z * self.unit)
+        return residual / self.unit, jacobian

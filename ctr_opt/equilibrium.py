@@ -1,0 +1,383 @@
+"""The result of a forward solve: the robot's shape, its internal loads, and how well they are known."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import attrs
+import numpy as np
+
+from .errors import DefinitionError, SolveError
+from .mechanics.sections import Configuration
+from .robot.actuation import Actuation
+from .robot.checks import Array, index
+from .robot.loads import Load
+from .robot.robot import Robot
+from .solvers.status import SolveStatus
+from .transcription.shape import Shape, Values
+from .transcription.shooting import Shooting
+from .transcription.verification import defect
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_DISPLAY_STEPS = 100  # `arc_length` has at least so many steps
+
+
+@attrs.frozen(eq=False)
+class BaseMoments:
+    """The unknowns of a shooting problem: what the robot exerts on the entry point, N m.
+
+    ``bending (2,)``: total bending moment at ``s = 0`` in the backbone frame; ``torsional (tubes,)``: each tube's
+    torsional moment at its base.
+    """
+
+    bending: Array
+    torsional: Array
+
+    @property
+    def vector(self) -> Array:
+        """Both as one vector."""
+        return np.concatenate((self.bending, self.torsional))
+
+
+@attrs.frozen(eq=False)
+class Outcome:
+    """How a solve went.
+
+    Attributes
+    ----------
+    status, path, message
+        How it ended, how it got there, and what went wrong.
+    reached
+        How far the last continuation came: 1 at the end.
+    iterations, setup_time, solve_time
+        Newton and IPOPT iterations; seconds.
+    residual_norm
+        Largest entry of the scaled boundary residual.
+    discretization_error
+        Estimated largest position error along the backbone, m.
+    stability_checked
+        Whether the energy's second variation was computed and found positive.
+    """
+
+    status: SolveStatus
+    path: str
+    message: str = ""
+    reached: float = 1.0
+    iterations: int = 0
+    setup_time: float = 0.0
+    solve_time: float = 0.0
+    residual_norm: float = np.inf
+    discretization_error: float = np.inf
+    stability_checked: bool = False
+    determinant: float = np.nan
+
+
+class Equilibrium:
+    """A shape of the robot in equilibrium, or the record of a solve that found none.
+
+    Where a value jumps it is the limit from the right; at a tube's end and at ``length``, from the left. A scalar
+    ``s`` gives one value, ``s (k,)`` adds a leading axis. Outside the tube asked for: ``DefinitionError``. The
+    shape of a solve that failed raises ``SolveError``.
+    """
+
+    def __init__(
+        self, configuration: Configuration, base: BaseMoments, outcome: Outcome, shape: Shape | None = None
+    ) -> None:
+        self._configuration = configuration
+        self._base = base
+        self._outcome = outcome
+        self._solved_shape = shape
+
+    # -- how it went ---------------------------------------------------------------------------------------------
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self._configuration.robot
+
+    @property
+    def actuation(self) -> Actuation:
+        """Its actuation."""
+        return self._configuration.actuation
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """The loads on it."""
+        return self._configuration.loads
+
+    @property
+    def status(self) -> SolveStatus:
+        """How the solve ended."""
+        return self._outcome.status
+
+    @property
+    def converged(self) -> bool:
+        """Whether this is an equilibrium."""
+        return self.status is SolveStatus.CONVERGED
+
+    @property
+    def path(self) -> str:
+        """How the solve got here, the methods in their order."""
+        return self._outcome.path
+
+    @property
+    def message(self) -> str:
+        """What was tried and how far it got, if it failed."""
+        return self._outcome.message
+
+    @property
+    def reached(self) -> float:
+        """The continuation parameter where the last continuation ended, 1 where it was completed."""
+        return self._outcome.reached
+
+    @property
+    def iterations(self) -> int:
+        """Newton and IPOPT iterations together."""
+        return self._outcome.iterations
+
+    @property
+    def setup_time(self) -> float:
+        """Seconds spent on building functions and data."""
+        return self._outcome.setup_time
+
+    @property
+    def solve_time(self) -> float:
+        """Seconds spent on solving."""
+        return self._outcome.solve_time
+
+    @property
+    def residual_norm(self) -> float:
+        """Largest entry of the boundary residual; moments over ``max(EI) / length``."""
+        return self._outcome.residual_norm
+
+    @property
+    def discretization_error(self) -> float:
+        """Estimated position error, m, the largest along the backbone: twice the distance to a solve with half the steps' length."""
+        return self._outcome.discretization_error
+
+    @property
+    def stability_checked(self) -> bool:
+        """Whether this equilibrium is *known* to be stable: its reduced Hessian was computed and is positive."""
+        return self._outcome.stability_checked
+
+    @property
+    def determinant(self) -> float:
+        """Determinant of ``d(m_xy, tau)(length) / d(m_xy, tau)(0)``; changes sign at a fold."""
+        return self._outcome.determinant
+
+    @property
+    def last_iterate(self) -> BaseMoments:
+        """The moments at the base, N m: of the solution, or where a failed solve ended (at the factor ``reached``)."""
+        return self._base
+
+    # -- the shape -----------------------------------------------------------------------------------------------
+
+    @property
+    def configuration(self) -> Configuration:
+        """Robot, actuation and loads as numbers along the arc length."""
+        return self._configuration
+
+    @property
+    def shape(self) -> Shape:
+        """The states behind the numbers, for code that works on this result."""
+        if self._solved_shape is None:
+            raise SolveError(f"there is no shape: {self.message or self.status.description}", self)
+        return self._solved_shape
+
+    @property
+    def length(self) -> float:
+        """Arc length from the entry point to the tip, m."""
+        return self._configuration.length
+
+    @cached_property
+    def arc_length(self) -> Array:
+        """Arc lengths, m, to draw or save the shape at: every break point, and at least 100 steps."""
+        breaks = self._configuration.break_points
+        spacing = self.length / _DISPLAY_STEPS
+        parts = [
+            np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False)
+            for a, b in zip(breaks, breaks[1:], strict=False)
+        ]
+        return np.concatenate((*parts, [self.length]))
+
+    @property
+    def tip_position(self) -> Array:
+        """Position at ``s = length``, m, world frame."""
+        return self.position(self.length)
+
+    @property
+    def tip_pose(self) -> Array:
+        """``pose(length)``: the tip's frame in the world, 4 x 4."""
+        return self.pose(self.length)
+
+    def position(self, s: Any) -> Array:
+        """Backbone position at ``s``, m, world frame."""
+        return self._evaluate(s, lambda values: values.state.position.T)
+
+    def pose(self, s: Any, tube: int | None = None) -> Array:
+        """Material frame of a tube, 4 x 4, z along the backbone; ``None``: the innermost tube present at ``s``."""
+        if tube is not None:
+            tube = self._tube(tube)
+
+        def poses(values: Values, points: Array) -> Array:
+            tubes = np.full(len(points), tube) if tube is not None else self._innermost(points)
+            angles = values.state.angles[tubes, np.arange(len(points))]
+            result = np.tile(np.eye(4), (len(points), 1, 1))
+            result[:, :3, :3] = _rotations(values.state.orientation, angles)
+            result[:, :3, 3] = values.state.position.T
+            return result
+
+        return self._evaluate(s, poses, tube, with_points=True)
+
+    def curvature(self, s: Any) -> Array:
+        """Backbone curvature ``(u_x, u_y, 0)``, 1/m, in the rotation-minimizing backbone frame."""
+        return self._evaluate(s, lambda values: np.pad(values.bent.T, ((0, 0), (0, 1))))
+
+    def torsion(self, tube: int, s: Any) -> Any:
+        """``u_i,z`` of a tube, 1/m."""
+        i = self._tube(tube)
+        return self._evaluate(s, lambda values: values.twisted[i], i)
+
+    def tube_angle(self, tube: int, s: Any) -> Any:
+        """``psi_i``, rad: the angle of a tube's material frame against the backbone frame."""
+        i = self._tube(tube)
+        return self._evaluate(s, lambda values: values.state.angles[i], i)
+
+    def internal_force(self, s: Any) -> Array:
+        """``n(s)``, N, world frame: what the material of ``[s, length]`` exerts on ``[0, s]``."""
+        return self._evaluate(s, lambda values: values.state.force.T)
+
+    def internal_moment(self, s: Any) -> Array:
+        """``m(s)``, N m, world frame: what the material of ``[s, length]`` exerts on ``[0, s]``."""
+
+        def moments(values: Values) -> Array:
+            own = np.vstack((values.state.bending, values.state.torsion.sum(axis=0)))
+            frames = _rotations(values.state.orientation, np.zeros(own.shape[1]))
+            return np.asarray(np.einsum("kij,jk->ki", frames, own))
+
+        return self._evaluate(s, moments)
+
+    def tube_moment(self, tube: int, s: Any) -> Array:
+        """Internal moment of one tube, N m, in its own material frame: ``K_i (u_i - u*_i)`` (paper, (3))."""
+        i = self._tube(tube)
+
+        def moments(values: Values, points: Array) -> Array:
+            left = self._from_left(points, i)
+            psi = values.state.angles[i]
+            x = np.cos(psi) * values.bent[0] + np.sin(psi) * values.bent[1]
+            y = np.cos(psi) * values.bent[1] - np.sin(psi) * values.bent[0]
+            stiffness = self._configuration.bending_stiffness[i]
+            preset = self.shape.preset(points, left)[:, i]
+            return np.column_stack(
+                (stiffness * (x - preset[:, 0]), stiffness * (y - preset[:, 1]), values.state.torsion[i])
+            )
+
+        return self._evaluate(s, moments, i, with_points=True)
+
+    # -- energies ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def energy(self) -> float:
+        """Elastic energy, J: tubes in ``[0, length]``, transmissions twisted, and curved parts held straight behind the entry."""
+        twisted = 0.5 * float(self._configuration.transmission_compliance @ self._base.torsional**2)
+        return self.shape.elastic_energy + twisted + self._configuration.straightening_energy
+
+    @cached_property
+    def load_work(self) -> float:
+        """Work of the forces, ``sum F . p + integral of f . p``, J, on the way from the world's origin. Moments have no potential and are left out."""
+        return self.shape.force_work
+
+    @property
+    def potential_energy(self) -> float:
+        """``energy - load_work``, J: what a stable equilibrium under forces minimizes. Does not account for applied moments."""
+        return self.energy - self.load_work
+
+    def timed(self, setup_time: float, solve_time: float) -> Equilibrium:
+        """The same result with its times, s."""
+        outcome = attrs.evolve(self._outcome, setup_time=setup_time, solve_time=solve_time)
+        return Equilibrium(self._configuration, self._base, outcome, self._solved_shape)
+
+    # -- checks and reports --------------------------------------------------------------------------------------
+
+    def verify(self) -> float:
+        """Check this shape with SciPy's adaptive DOP853 integrator (relative tolerance 1e-11).
+
+        Returns
+        -------
+        float
+            The defect, m: the largest distance between this shape and the equilibrium that the integrator finds from
+            the same moments at the base, corrected by one Newton step.
+        """
+        shape = self.shape
+        scales = self._configuration.scales
+        shooting = Shooting(self._configuration, shape.mesh, shape.integrator)
+        return scales.length * defect(shooting, self._base.vector / scales.moment, shape.nodes.left[:3])
+
+    def report(self) -> str:
+        """What was solved, how, how well, and what came out."""
+        from .reports import equilibrium_report
+
+        return equilibrium_report(self)
+
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draw tubes, loads and tip frame into a 3-D axes (a new one by default) and return it."""
+        from .plotting import plot_equilibrium
+
+        return plot_equilibrium(self, ax, **style)
+
+    def __str__(self) -> str:
+        return self.report()
+
+    def __repr__(self) -> str:
+        return f"<Equilibrium: {self.status.description}, length {self.length:g} m, path {self.path!r}>"
+
+    # -- internals -----------------------------------------------------------------------------------------------
+
+    def _tube(self, tube: int) -> int:
+        return index(tube, "tube", self._configuration.tube_count)
+
+    def _innermost(self, s: Array) -> Any:
+        ends = self._configuration.tube_ends
+        reaches = np.where(s[:, None] < self.length, s[:, None] < ends, ends >= self.length)
+        return np.argmax(reaches, axis=1)
+
+    def _from_left(self, s: Array, tube: int | None) -> Any:
+        if tube is None:
+            return np.zeros(len(s), dtype=bool)
+        return s >= self._configuration.break_points[self._end_break(tube)]
+
+    def _end_break(self, tube: int) -> int:
+        return int(np.argmin(np.abs(self._configuration.break_points - self._configuration.tube_ends[tube])))
+
+    def _evaluate(self, s: Any, of: Any, tube: int | None = None, *, with_points: bool = False) -> Any:
+        try:
+            points = np.asarray(s, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise DefinitionError(f"s = {s!r} must be a number or a one-dimensional array of numbers, in m") from None
+        if points.ndim > 1:
+            raise DefinitionError(f"s has shape {points.shape}, but must be a number or one-dimensional")
+        if tube is None:
+            most, what = self.length, "the robot"
+        else:
+            most = float(self._configuration.tube_ends[tube])
+            what = f"tube {tube} ({self.robot.tubes[tube].name!r})"
+        shape = self.shape
+        flat = shape.inside(np.atleast_1d(points), most, what)
+        values = shape.at(flat, self._from_left(flat, tube))
+        result = np.asarray(of(values, flat) if with_points else of(values))
+        if points.ndim == 0:
+            return float(result[0]) if result.ndim == 1 else result[0]
+        return result
+
+
+def _rotations(quaternions: Array, angles: Array) -> Array:
+    """``R(q) Rz(angle)``, ``(k, 3, 3)``, from quaternions ``(4, k)``."""
+    from scipy.spatial.transform import Rotation
+
+    frames = Rotation.from_quat(quaternions.T, scalar_first=True) * Rotation.from_rotvec(
+        np.outer(angles, [0.0, 0.0, 1.0])
+    )
+    return np.asarray(frames.as_matrix())

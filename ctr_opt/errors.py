@@ -1,0 +1,31 @@
+"""The exceptions and warnings of the package."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class CtrOptError(Exception):
+    """Base class of every error this package raises on purpose."""
+
+
+class DefinitionError(CtrOptError, ValueError):
+    """An input is wrong: the message names the field, the tube, the value and the allowed range."""
+
+
+class SolveError(CtrOptError, RuntimeError):
+    """A solve did not reach an equilibrium.
+
+    Attributes
+    ----------
+    result
+        The failed :class:`~ctr_opt.Equilibrium`: its status, diagnostics and last iterate.
+    """
+
+    def __init__(self, message: str, result: Any = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
+class NestingWarning(UserWarning):
+    """An inner tube is wider than the bore of the tube around it."""

@@ -1,0 +1,158 @@
+"""The forward problem: from actuation and loads to the robot's shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .equilibrium import BaseMoments, Equilibrium, Outcome
+from .errors import DefinitionError, SolveError
+from .mechanics.sections import Configuration
+from .robot.actuation import Actuation
+from .robot.checks import array, choice, number
+from .robot.loads import LOADS, Load
+from .robot.robot import Robot
+from .solvers.status import SolveStatus
+from .strategy import METHODS, Method, Run, Settings
+from .transcription.collocation import Collocation
+from .transcription.integrators import runge_kutta
+
+
+class ForwardProblem:
+    """The shape of a robot under actuation and loads.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    formulation
+        ``"automatic"``: homotopy from the straight robot and, where its path ends, minimum energy;
+        ``"equilibrium"``: the Cosserat equations by shooting alone; ``"energy"``: minimum potential energy by
+        collocation and IPOPT, which yields a stable shape and takes forces only.
+    method
+        ``Homotopy(...)`` (default) or ``Newton(...)`` from zero for ``"equilibrium"``, ``Ipopt(...)`` for ``"energy"``.
+    tolerance
+        Largest accepted estimated position error divided by the length; everything else follows from it.
+    integrator
+        Runge-Kutta method of the shooting: ``"RK8"``, ``"RK5"``, ``"RK4"``.
+    transcription
+        ``Collocation(degree)`` of the energy formulation.
+
+    Notes
+    -----
+    Rucker, Jones and Webster, IEEE T-RO 2010, (2), (12)-(20) and II-G. Nothing is rebuilt between solves: one
+    problem serves any actuation and any number of loads.
+
+    Examples
+    --------
+    >>> import numpy as np, ctr_opt as ctr
+    >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+    >>> shape = ctr.ForwardProblem(ctr.Robot([tube])).solve(ctr.Actuation([0.0], [0.0]))
+    >>> bool(abs(shape.tip_position[2] - np.sin(1.0) / 10.0) < 1e-9)
+    True
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        formulation: str = "automatic",
+        method: Method | None = None,
+        tolerance: float = 1e-7,
+        integrator: str = "RK8",
+        transcription: Collocation | None = None,
+    ) -> None:
+        if not isinstance(robot, Robot):
+            raise DefinitionError(f"robot = {robot!r} must be a Robot")
+        self.robot = robot
+        allowed = METHODS[choice(formulation, "formulation", tuple(METHODS))]
+        if method is not None and not isinstance(method, allowed):
+            names = " or ".join(kind.__name__ for kind in allowed)
+            raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")
+        self.settings = Settings(
+            formulation,
+            allowed[0]() if method is None else method,
+            number(tolerance, "tolerance", least=1e-12, most=1e-2),
+            runge_kutta(integrator).name,
+            Collocation() if transcription is None else transcription,
+        )
+
+    def solve(
+        self,
+        actuation: Actuation,
+        loads: Sequence[Load] = (),
+        initial: Equilibrium | None = None,
+        throw: bool = True,
+    ) -> Equilibrium:
+        """Find an equilibrium.
+
+        Parameters
+        ----------
+        actuation
+            Rotations and translations of the tubes' bases.
+        loads
+            Any number of loads.
+        initial
+            An equilibrium (or a :meth:`guess`) of a robot with as many tubes, at any actuation and loads: solved from
+            there by Newton's method and, failing that, by continuation of actuation and loads from there.
+        throw
+            Raise ``SolveError`` where no equilibrium is found; otherwise return the failed result.
+
+        Raises
+        ------
+        DefinitionError
+            A load beyond its tube, a tube drawn wholly behind the entry point, and the like.
+        SolveError
+            No equilibrium was found: what was tried, how far it got, what to do; ``.result`` is the failed result.
+        """
+        configuration = Configuration(self.robot, actuation, _as_loads(loads))
+        if initial is not None:
+            _check_initial(initial, configuration)
+        result = Run(self.settings, configuration).solve(initial)
+        if throw and not result.converged:
+            raise SolveError(result.message, result)
+        return result
+
+    def guess(
+        self,
+        actuation: Actuation,
+        loads: Sequence[Load] = (),
+        *,
+        bending: Any = (0.0, 0.0),
+        torsional: Any = None,
+    ) -> Equilibrium:
+        """A start for :meth:`solve`: the moments that the robot is believed to exert on the entry point.
+
+        Parameters
+        ----------
+        bending
+            ``(2,)``, N m: total bending moment at ``s = 0`` in the backbone frame.
+        torsional
+            ``(tubes,)``, N m: torsional moment ``GJ_i (u_i,z - u*_i,z)`` at each tube's base; default zero.
+        """
+        configuration = Configuration(self.robot, actuation, _as_loads(loads))
+        tubes = configuration.tube_count
+        base = BaseMoments(
+            array(bending, "bending", (2,), unit="N m"),
+            array(np.zeros(tubes) if torsional is None else torsional, "torsional", (tubes,), unit="N m"),
+        )
+        return Equilibrium(configuration, base, Outcome(SolveStatus.GUESS, "guess", "this is a guess, not a solution"))
+
+
+def _as_loads(loads: Any) -> tuple[Load, ...]:
+    if isinstance(loads, LOADS):
+        raise DefinitionError(f"loads = {loads!r} must be a list of loads, like loads=[...]")
+    try:
+        return tuple(loads)
+    except TypeError:
+        raise DefinitionError(f"loads = {loads!r} must be a list of loads") from None
+
+
+def _check_initial(initial: Any, configuration: Configuration) -> None:
+    if not isinstance(initial, Equilibrium):
+        raise DefinitionError(f"initial = {initial!r} must be an Equilibrium")
+    tubes = len(initial.robot.tubes)
+    if tubes != configuration.tube_count:
+        raise DefinitionError(f"initial is of a robot with {tubes} tubes, but this one has {configuration.tube_count}")

@@ -1,0 +1,50 @@
+"""What holds at the entry point, at point loads and at the tip."""
+
+from __future__ import annotations
+
+from typing import Generic
+
+import attrs
+import casadi as ca
+
+from .so3 import rotation_matrix
+from .state import State
+from .symbols import SymT
+
+
+@attrs.frozen(eq=False)
+class Entry(Generic[SymT]):
+    """The entry point: its ``position (3,)`` and ``orientation (4,)``; the angles ``psi_i(0)`` of tubes that carry no
+    torque, ``free_angles``; the transmissions' ``compliance`` ``-beta_i / GJ_i``; the total ``force n(0-)``.
+    """
+
+    position: SymT
+    orientation: SymT
+    free_angles: SymT
+    compliance: SymT
+    force: SymT
+
+
+def entry_state(bending: SymT, torsion: SymT, entry: Entry[SymT]) -> State[SymT]:
+    """The state at ``s = 0`` before any load acts there; behind it tubes only twist: ``psi_i = free + compliance tau_i``."""
+    angles = entry.free_angles + entry.compliance * torsion
+    return State(entry.position, entry.orientation, angles, bending, torsion, entry.force)
+
+
+def jump(state: State[SymT], force: SymT, moment: SymT) -> State[SymT]:
+    """The state behind a point force ``(3,)`` and the tubes' point moments ``(3, tubes)``, world frame.
+
+    ``n(s-) = n(s+) + F``, ``m(s-) = m(s+) + l``, ``tau_i(s-) = tau_i(s+) + (R^T l_i)_z`` (paper, II-G).
+    """
+    couples = rotation_matrix(state.orientation).T @ moment
+    return attrs.evolve(
+        state,
+        bending=state.bending - ca.sum2(couples[:2, :]),
+        torsion=state.torsion - couples[2, :].T,
+        force=state.force - force,
+    )
+
+
+def tip_residual(state: State[SymT]) -> SymT:
+    """``m_xy`` and every ``tau_i`` behind the last load: zero in equilibrium (paper, II-G)."""
+    return ca.vertcat(state.bending, state.torsion)

@@ -1,0 +1,91 @@
+"""The differential equations of the externally loaded robot, in internal moments.
+
+The paper's (2), (12), (16), (19), (20), rewritten in states without derivatives of the preset curvature or the
+stiffness; see ``docs/theory.md`` for each equation. All quantities are dimensionless or all SI, alike.
+"""
+
+from __future__ import annotations
+
+from typing import Generic
+
+import attrs
+import casadi as ca
+
+from . import constitutive
+from .so3 import quaternion_rate, rotation_matrix, turn
+from .state import State
+from .symbols import SymT
+
+
+@attrs.frozen(eq=False)
+class Local(Generic[SymT]):
+    """What the equations need to know at one arc length.
+
+    ``bending_stiffness, torsional_stiffness (tubes,)``, the first zero past a tube's end;
+    ``precurvature (3, tubes)`` in the tubes' frames; ``force (3,)``, total, and ``moment (3, tubes)``, each
+    tube's, per arc length in the world frame.
+    """
+
+    bending_stiffness: SymT
+    torsional_stiffness: SymT
+    precurvature: SymT
+    force: SymT
+    moment: SymT
+
+    @property
+    def tubes(self) -> int:
+        """How many tubes the robot has."""
+        return int(self.bending_stiffness.shape[0])
+
+
+def curvature(state: State[SymT], local: Local[SymT]) -> tuple[SymT, SymT]:
+    """Backbone curvature ``u_xy (2,)`` and the tubes' torsions ``u_i,z (tubes,)`` by the constitutive law."""
+    x, y = turn(state.angles, local.precurvature[0, :].T, local.precurvature[1, :].T)
+    bent = constitutive.backbone_curvature(state.bending, local.bending_stiffness, x, y)
+    twisted = constitutive.twist_rate(state.torsion, local.torsional_stiffness, local.precurvature[2, :].T)
+    return bent, twisted
+
+
+def strain(psi: SymT, bent: SymT, twisted: SymT, preset: SymT) -> tuple[SymT, SymT]:
+    """``u_i`` of a tube turned by ``psi`` against the backbone frame (11), and ``u_i - u*_i``."""
+    x, y = turn(-psi, bent[0], bent[1])
+    own = ca.vertcat(x, y, twisted)
+    return own, own - preset
+
+
+def kinematic_rates(orientation: SymT, bent: SymT) -> tuple[SymT, SymT]:
+    """``p' = R e3`` and ``R' = R hat(u)`` with ``u = (u_x, u_y, 0)`` (2)."""
+    u = ca.vertcat(bent, 0)
+    return rotation_matrix(orientation)[:, 2], quaternion_rate(orientation, u)
+
+
+def rates(state: State[SymT], local: Local[SymT]) -> State[SymT]:
+    """Derivative of the state along the arc length."""
+    bent, twisted = curvature(state, local)
+    position, orientation = kinematic_rates(state.orientation, bent)
+    to_body = rotation_matrix(state.orientation).T
+    force = to_body @ state.force
+    couples = to_body @ local.moment
+    axial = ca.sum1(state.torsion)
+    bending = ca.vertcat(-bent[1] * axial + force[1], bent[0] * axial - force[0]) - ca.sum2(couples[:2, :])
+    torsion = []
+    for i in range(local.tubes):
+        own, excess = strain(state.angles[i], bent, twisted[i], local.precurvature[:, i])
+        moment = constitutive.moment(excess, local.bending_stiffness[i], local.torsional_stiffness[i])
+        torsion.append(-(own[0] * moment[1] - own[1] * moment[0]) - couples[2, i])
+    return State(position, orientation, twisted, bending, ca.vertcat(*torsion), -local.force)
+
+
+def energy_rate(state: State[SymT], local: Local[SymT]) -> SymT:
+    """Elastic energy per arc length of all tubes (paper, Appendix)."""
+    bent, twisted = curvature(state, local)
+    return elastic_density(state.angles, bent, twisted, local)
+
+
+def elastic_density(angles: SymT, bent: SymT, twisted: SymT, local: Local[SymT]) -> SymT:
+    """Elastic energy per arc length at the given curvatures."""
+    total = 0 * bent[0]
+    for i in range(local.tubes):
+        _, excess = strain(angles[i], bent, twisted[i], local.precurvature[:, i])
+        total += constitutive.energy_density(excess, local.bending_stiffness[i], local.torsional_stiffness[i])
+    return total

@@ -1,0 +1,289 @@
+"""From robot, actuation and loads to numbers along the arc length.
+
+The equations are the same in every section between break points; which tubes exist there, their precurvature
+and the loads are *data*. Break points are exact nodes: curvature steps, tube ends, load points and knots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DefinitionError
+from ..robot.actuation import Actuation
+from ..robot.checks import Array
+from ..robot.loads import LOADS, DistributedLoad, Load, LoadTable, PointWrench
+from ..robot.robot import Robot
+
+_SAME_POINT = 1e-12  # of the robot's length: closer break points are one point
+_FUNCTION_PARTS = 8  # an interval under a load given as a function is cut into so many steps at least
+
+
+@attrs.frozen(eq=False)
+class Nodes:
+    """Data at ``(steps, nodes)`` points: ``precurvature (.., tubes, 3)``, ``force (.., 3)``, ``moment (.., tubes, 3)``."""
+
+    precurvature: Array
+    force: Array
+    moment: Array
+
+
+@attrs.frozen(eq=False)
+class Scales:
+    """Units that make the equations dimensionless: the robot's length and its largest bending stiffness.
+
+    Moments are measured in ``max(EI) / length``, forces in ``max(EI) / length^2``.
+    """
+
+    length: float
+    stiffness: float
+
+    @property
+    def moment(self) -> float:
+        """N m."""
+        return self.stiffness / self.length
+
+    @property
+    def force(self) -> float:
+        """N."""
+        return self.stiffness / self.length**2
+
+
+class Configuration:
+    """A robot in one actuation under one set of loads, checked and sorted along the arc length."""
+
+    def __init__(self, robot: Robot, actuation: Actuation, loads: Sequence[Load] = ()) -> None:
+        self.robot = robot
+        self.actuation = actuation
+        self.loads = tuple(loads)
+        _check_actuation(robot, actuation)
+        tubes = robot.tubes
+        self.tube_count = len(tubes)
+        self.translations = np.asarray(actuation.translations)
+        self.tube_ends = self.translations + np.array([tube.length for tube in tubes])
+        _check_reach(robot, self.translations, self.tube_ends)
+        self.length = float(self.tube_ends.max())
+        self.bending_stiffness = np.array([tube.bending_stiffness for tube in tubes])
+        self.torsional_stiffness = np.array([tube.torsional_stiffness for tube in tubes])
+        self.scales = Scales(self.length, float(self.bending_stiffness.max()))
+        self.point_loads: list[tuple[float, int, PointWrench]] = []
+        self.distributed_loads: list[tuple[float, float, DistributedLoad]] = []
+        for k, load in enumerate(self.loads):
+            self._place(k, load)
+        self.break_points = self._break_points()
+        self.point_loads = [(self._nearest_break(s), tube, load) for s, tube, load in self.point_loads]
+        self.transmission_twist, self._straightening_energy = self._transmission()
+
+    def _place(self, k: int, load: Load) -> None:
+        if not isinstance(load, LOADS):
+            raise DefinitionError(f"loads[{k}] = {load!r} must be one of {', '.join(kind.__name__ for kind in LOADS)}")
+        if load.tube >= self.tube_count:
+            raise DefinitionError(
+                f"loads[{k}]: tube = {load.tube} is not there: the robot has tubes 0 to {self.tube_count - 1}"
+            )
+        tube_end = float(self.tube_ends[load.tube])
+        slack = _SAME_POINT * self.length
+
+        def inside(field: str, value: float | None) -> float:
+            if value is None:
+                return tube_end
+            if value > tube_end + slack:
+                name = self.robot.tubes[load.tube].name
+                raise DefinitionError(
+                    f"loads[{k}]: {field} = {value:g} m is beyond the end of tube {load.tube} ({name!r}): "
+                    f"allowed are 0 to {tube_end:g} m at this actuation"
+                )
+            return min(value, tube_end)
+
+        if isinstance(load, PointWrench):
+            self.point_loads.append((inside("arc_length", load.arc_length), load.tube, load))
+            return
+        start, end = inside("start", load.start), inside("end", load.end)
+        if end <= start:
+            raise DefinitionError(f"loads[{k}]: end = {end:g} m must be above start = {start:g} m")
+        self.distributed_loads.append((start, end, load))
+
+    def _break_points(self) -> Array:
+        points = [0.0, self.length]
+        for tube, translation in zip(self.robot.tubes, self.translations, strict=True):
+            points.extend(translation + tube.shape.breaks)
+        points.extend(s for s, _, _ in self.point_loads)
+        for start, end, load in self.distributed_loads:
+            points.extend((start, end))
+            for density in (load.force, load.moment):
+                if isinstance(density, LoadTable):
+                    points.extend(density.arc_length[(density.arc_length > start) & (density.arc_length < end)])
+        inside = np.unique(np.clip(points, 0.0, self.length))
+        apart = np.diff(inside, prepend=-np.inf) > _SAME_POINT * self.length
+        kept = np.asarray(inside[apart])
+        kept[-1] = self.length
+        return kept
+
+    def _nearest_break(self, s: float) -> float:
+        return float(self.break_points[np.argmin(np.abs(self.break_points - s))])
+
+    def _transmission(self) -> tuple[Array, float]:
+        """Twist ``integral of u*_z`` over ``[beta_i, 0]`` and the energy of holding curved parts straight there."""
+        twist, energy = np.zeros(self.tube_count), 0.0
+        for i, tube in enumerate(self.robot.tubes):
+            inside = -float(self.translations[i])
+            twist[i] = tube.shape.integrate(0.0, inside)[2]
+            energy += 0.5 * tube.bending_stiffness * float(tube.shape.integrate(0.0, inside, of="square")[:2].sum())
+        return twist, energy
+
+    @property
+    def straightening_energy(self) -> float:
+        """``1/2 integral of u*_xy^T K_b u*_xy`` over the parts held straight behind the entry point, J."""
+        return self._straightening_energy
+
+    @property
+    def transmission_compliance(self) -> Array:
+        """``-beta_i / GJ_i``: the angle by which a unit torque twists tube ``i`` behind the entry point, rad/(N m)."""
+        return np.asarray(-self.translations / self.torsional_stiffness)
+
+    def present(self, s: Array) -> NDArray[np.bool_]:
+        """Which tubes exist at ``s (k,)`` (not a tube's end): ``(k, tubes)``."""
+        return np.asarray(s)[:, None] < self.tube_ends
+
+    def mesh(self, refinement: int = 1, largest_turn: float = 1.0) -> Array:
+        """Steps from 0 to ``length`` as rows ``(start, end)``: every section cut so that no step turns much.
+
+        A step's turn is estimated from the preset curvatures and loads; ``refinement`` multiplies the steps.
+        """
+        rows = []
+        for start, end in zip(self.break_points, self.break_points[1:], strict=False):
+            rate = self._curvature_bound(float(start), float(end))
+            parts = max(1, int(np.ceil((end - start) * rate / largest_turn)))
+            if any(
+                a < end and start < b and (callable(load.force) or callable(load.moment))
+                for a, b, load in self.distributed_loads
+            ):
+                parts = max(parts, _FUNCTION_PARTS)
+            edges = np.linspace(start, end, parts * refinement + 1)
+            rows.append(np.column_stack((edges[:-1], edges[1:])))
+        return np.concatenate(rows)
+
+    def _curvature_bound(self, start: float, end: float) -> float:
+        """A rough upper bound of the curvature in a section, 1/m."""
+        middle = np.array([0.5 * (start + end)])
+        stiffness = float((self.bending_stiffness * self.present(middle)[0]).sum())
+        nodes = self.nodes(np.array([[start, end]]), np.linspace(0.0, 1.0, 5))
+        couple, force, lever = 0.0, 0.0, 0.0
+        for s, _, load in self.point_loads:
+            if s > start:
+                couple += float(np.linalg.norm(load.moment))
+                force += float(np.linalg.norm(load.force))
+                lever += (s - start) * float(np.linalg.norm(load.force))
+        for a, b, distributed in self.distributed_loads:
+            if b > start:
+                density = _largest(distributed.force, a, b)
+                couple += (b - a) * _largest(distributed.moment, a, b)
+                force += (b - a) * density
+                lever += (b - a) * density * (b - start)
+        preset = float(np.abs(nodes.precurvature).max())
+        # A force bends an elastica to at most 2 sqrt(F / EI), however long the lever.
+        return preset + couple / stiffness + min(lever / stiffness, 2.0 * float(np.sqrt(force / stiffness)))
+
+    def nodes(self, steps: Array, fractions: Array, middle: Array | None = None) -> Nodes:
+        """Precurvature and load densities at ``start + fraction (end - start)`` of every step.
+
+        Each step lies inside one section, that of ``middle`` (default: the step's own), and its data are taken from
+        that section's side even at its ends. Where a tube has ended its precurvature is zero.
+        """
+        start, end = steps[:, :1], steps[:, 1:]
+        s = start + fractions * (end - start)
+        middle = 0.5 * (start + end)[:, 0] if middle is None else middle
+        present = self.present(middle)
+        count, size = s.shape
+        precurvature = np.zeros((count, size, self.tube_count, 3))
+        for i, tube in enumerate(self.robot.tubes):
+            sigma = s - self.translations[i]
+            piece = np.broadcast_to(tube.shape.piece(middle - self.translations[i])[:, None], s.shape)
+            precurvature[:, :, i] = tube.shape(sigma, piece) * present[:, i, None, None]
+        force = np.zeros((count, size, 3))
+        moment = np.zeros((count, size, self.tube_count, 3))
+        for k, (a, b, load) in enumerate(self.distributed_loads):
+            inside = (middle > a) & (middle < b)
+            if inside.any():
+                force[inside] += _density(load.force, s[inside], middle[inside], f"loads[{k}].force")
+                moment[inside, :, load.tube] += _density(load.moment, s[inside], middle[inside], f"loads[{k}].moment")
+        return Nodes(precurvature, force, moment)
+
+    def loads_on(self, tube_ends: Array, factor: float) -> list[Load]:
+        """The loads multiplied by ``factor``, kept within tubes that end at ``tube_ends``; none for a factor of zero.
+
+        What rides on a tube's end stays there; an interval pushed off its tube is left out.
+        """
+        if factor == 0.0:
+            return []
+        moved: list[Load] = []
+        for load in self.loads:
+            end = float(tube_ends[load.tube])
+            scaled = load.times(factor)
+            if isinstance(scaled, PointWrench):
+                s = scaled.arc_length
+                moved.append(scaled if s is None or s <= end else attrs.evolve(scaled, arc_length=end))
+            elif scaled.start < end:
+                moved.append(attrs.evolve(scaled, end=None if scaled.end is None else min(scaled.end, end)))
+        return moved
+
+    def jumps(self, points: Array) -> tuple[Array, Array]:
+        """Point forces ``(k, 3)`` and moments ``(k, tubes, 3)`` that act exactly at ``points (k,)``, nodes of a mesh."""
+        force = np.zeros((len(points), 3))
+        moment = np.zeros((len(points), self.tube_count, 3))
+        for s, tube, load in self.point_loads:
+            here = points == s
+            force[here] += load.force
+            moment[here, tube] += load.moment
+        return force, moment
+
+
+def _check_actuation(robot: Robot, actuation: Actuation) -> None:
+    if not isinstance(actuation, Actuation):
+        raise DefinitionError(f"actuation = {actuation!r} must be an Actuation")
+    if len(actuation.rotations) != len(robot.tubes):
+        raise DefinitionError(
+            f"the actuation has {len(actuation.rotations)} rotations and translations, but the robot has {len(robot.tubes)} tubes"
+        )
+
+
+def _check_reach(robot: Robot, translations: Array, ends: Array) -> None:
+    for k, (tube, translation, end) in enumerate(zip(robot.tubes, translations, ends, strict=True)):
+        if end <= 0.0:
+            raise DefinitionError(
+                f"tube {k} ({tube.name!r}): translations[{k}] = {translation:g} m draws it wholly behind the entry point: "
+                f"it must be above -{tube.length:g} m, the tube's length, and at most 0"
+            )
+
+
+def _density(density: Any, s: Array, middle: Array, field: str) -> Array:
+    if isinstance(density, LoadTable):
+        polynomial = density.polynomial()
+        covered = (middle > density.arc_length[0]) & (middle < density.arc_length[-1])
+        piece = np.broadcast_to(polynomial.piece(middle)[:, None], s.shape)
+        return np.asarray(polynomial(s, piece) * covered[:, None, None])
+    if callable(density):
+        return np.array([[_called(density, float(x), field) for x in row] for row in s])
+    return np.broadcast_to(np.asarray(density), (*s.shape, 3))
+
+
+def _called(density: Any, s: float, field: str) -> Array:
+    try:
+        value = np.asarray(density(s), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DefinitionError(f"{field}({s:g} m) must return three finite numbers, but failed: {error}") from error
+    if value.shape != (3,) or not np.all(np.isfinite(value)):
+        raise DefinitionError(f"{field}({s:g} m) = {value!r} must be three finite numbers")
+    return value
+
+
+def _largest(density: Any, start: float, end: float) -> float:
+    if isinstance(density, LoadTable):
+        return float(np.linalg.norm(density.values, axis=1).max())
+    if callable(density):
+        return max(float(np.linalg.norm(_called(density, float(s), "load"))) for s in np.linspace(start, end, 9))
+    return float(np.linalg.norm(density))

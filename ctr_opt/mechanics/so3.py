@@ -1,0 +1,40 @@
+"""Rotations of the backbone frame, as quaternions ``(w, x, y, z)``.
+
+A quaternion that has left the unit sphere by an integrator's error still stands for an exact rotation, as
+every formula divides by its squared length.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from .symbols import SymT
+
+
+def rotation_matrix(q: SymT) -> SymT:
+    """``R(q)``, 3 x 3."""
+    w, x, y, z = ca.vertsplit(q)
+    scale = 2 / ca.sumsqr(q)
+    return ca.vertcat(
+        ca.horzcat(1 - scale * (y * y + z * z), scale * (x * y - w * z), scale * (x * z + w * y)),
+        ca.horzcat(scale * (x * y + w * z), 1 - scale * (x * x + z * z), scale * (y * z - w * x)),
+        ca.horzcat(scale * (x * z - w * y), scale * (y * z + w * x), 1 - scale * (x * x + y * y)),
+    )
+
+
+def quaternion_rate(q: SymT, u: SymT) -> SymT:
+    """``q'`` for ``R' = R hat(u)``: half the quaternion product of ``q`` and ``(0, u)``."""
+    w, x, y, z = ca.vertsplit(q)
+    ux, uy, uz = ca.vertsplit(u)
+    return 0.5 * ca.vertcat(
+        -x * ux - y * uy - z * uz,
+        w * ux + y * uz - z * uy,
+        w * uy + z * ux - x * uz,
+        w * uz + x * uy - y * ux,
+    )
+
+
+def turn(psi: SymT, x: SymT, y: SymT) -> tuple[SymT, SymT]:
+    """``Rz(psi) (x, y)``."""
+    c, s = ca.cos(psi), ca.sin(psi)
+    return c * x - s * y, s * x + c * y

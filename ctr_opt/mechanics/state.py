@@ -1,0 +1,65 @@
+"""The state along the arc length, and its order in a vector."""
+
+from __future__ import annotations
+
+from typing import Any, Generic
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from ..robot.checks import Array
+from .symbols import SymT
+
+
+def slices(sizes: dict[str, int]) -> dict[str, slice]:
+    """Where parts of the given sizes stand in a vector that holds them one behind the other."""
+    ends = np.cumsum(list(sizes.values()))
+    return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+
+@attrs.frozen(eq=False)
+class State(Generic[SymT]):
+    """``(p, q, psi, m_xy, tau, n)``: quantities that are continuous but for jumps under point loads.
+
+    position ``p`` (3); orientation ``q`` of the backbone frame (4); tube angles ``psi_i``; total bending moment
+    ``m_xy`` in the backbone frame (2); torsional moments ``tau_i``; internal force ``n`` in the world frame (3).
+    """
+
+    position: SymT
+    orientation: SymT
+    angles: SymT
+    bending: SymT
+    torsion: SymT
+    force: SymT
+
+    @staticmethod
+    def size(tubes: int) -> int:
+        """Number of entries."""
+        return 12 + 2 * tubes
+
+    @staticmethod
+    def parts(tubes: int) -> dict[str, slice]:
+        """Where each part stands in the vector."""
+        sizes = {"position": 3, "orientation": 4, "angles": tubes, "bending": 2, "torsion": tubes, "force": 3}
+        return slices(sizes)
+
+    @staticmethod
+    def split(vector: Any, tubes: int) -> State[Any]:
+        """The parts of a state vector: symbolic ``(size,)``, or numbers ``(size, k)``."""
+        return State(**{name: vector[part, :] for name, part in State.parts(tubes).items()})
+
+    def joined(self) -> SymT:
+        """The state as one vector."""
+        return ca.vertcat(self.position, self.orientation, self.angles, self.bending, self.torsion, self.force)
+
+
+def state_scales(tubes: int, length: float, moment: float, force: float) -> Array:
+    """The unit in which each entry of a dimensionless state is measured."""
+    scale = np.ones(State.size(tubes))
+    parts = State.parts(tubes)
+    scale[parts["position"]] = length
+    scale[parts["bending"]] = moment
+    scale[parts["torsion"]] = moment
+    scale[parts["force"]] = force
+    return scale

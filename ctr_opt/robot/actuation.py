@@ -1,0 +1,67 @@
+"""What the actuators do: a rotation and a translation of each tube's base."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from .checks import Array, array
+
+
+def _angles(value: Any) -> Array:
+    return array(
+        np.atleast_1d(value) if np.ndim(value) == 0 and not isinstance(value, str) else value,
+        "rotations",
+        (None,),
+        unit="rad",
+    )
+
+
+def _shifts(value: Any) -> Array:
+    return array(
+        np.atleast_1d(value) if np.ndim(value) == 0 and not isinstance(value, str) else value,
+        "translations",
+        (None,),
+        unit="m",
+    )
+
+
+_ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
+
+
+@attrs.frozen
+class Actuation:
+    """Where the tubes' bases are held.
+
+    Parameters
+    ----------
+    rotations
+        ``alpha_i``, rad, one for each tube.
+    translations
+        ``beta_i = -D_i``, m, one for each tube: the arc length at which the base of tube ``i`` is held;
+        ``<= 0``, as the actuators grasp the tubes behind the entry point ``s = 0``.
+
+    Examples
+    --------
+    >>> Actuation(rotations=[0.0, 1.0], translations=[-0.1, -0.05]).translations
+    array([-0.1 , -0.05])
+    """
+
+    rotations: Array = attrs.field(converter=_angles, eq=_ARRAY_EQ)
+    translations: Array = attrs.field(converter=_shifts, eq=_ARRAY_EQ)
+
+    def __attrs_post_init__(self) -> None:
+        if len(self.rotations) != len(self.translations):
+            raise DefinitionError(
+                f"rotations has {len(self.rotations)} entries and translations {len(self.translations)}: "
+                "each needs one for each tube"
+            )
+        for k, translation in enumerate(self.translations):
+            if translation > 0.0:
+                raise DefinitionError(
+                    f"translations[{k}] = {translation:g} m puts the base of tube {k} in front of the entry point: "
+                    "it must be at most 0"
+                )

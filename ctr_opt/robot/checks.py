@@ -1,0 +1,108 @@
+"""Checks of user input: each returns the clean value or raises a one-sentence ``DefinitionError``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DefinitionError
+
+Array = NDArray[np.float64]
+
+
+def number(
+    value: Any,
+    field: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+    unit: str = "",
+) -> float:
+    """``value`` as a finite float with ``above < value``, ``least <= value <= most``."""
+    allowed = _range(above, least, most, unit)
+    try:
+        if isinstance(value, (bool, str)):
+            raise TypeError
+        result = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise DefinitionError(f"{field} = {value!r} must be {allowed}") from None
+    inside = (
+        np.isfinite(result)
+        and (above is None or result > above)
+        and (least is None or result >= least)
+        and (most is None or result <= most)
+    )
+    if not inside:
+        raise DefinitionError(f"{field} = {result:g}{_spaced(unit)} must be {allowed}")
+    return result
+
+
+def array(value: Any, field: str, shape: tuple[int | None, ...], *, unit: str = "") -> Array:
+    """``value`` as a finite, read-only float array; ``None`` in ``shape`` stands for any size."""
+    wanted = (
+        "(" + ", ".join("k" if size is None else str(size) for size in shape) + ("," if len(shape) == 1 else "") + ")"
+    )
+    try:
+        if isinstance(value, str):
+            raise TypeError
+        result = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise DefinitionError(f"{field} = {_short(value)} must be numbers of shape {wanted}") from None
+    if result.ndim != len(shape) or any(size not in (None, got) for size, got in zip(shape, result.shape, strict=True)):
+        raise DefinitionError(f"{field} has shape {result.shape}, but must have shape {wanted}")
+    bad = np.argwhere(~np.isfinite(result))
+    if len(bad):
+        where = ", ".join(str(int(i)) for i in bad[0])
+        raise DefinitionError(f"{field}[{where}] = {result[tuple(bad[0])]} must be a finite number{_in(unit)}")
+    result.setflags(write=False)
+    return result
+
+
+def choice(value: Any, field: str, allowed: tuple[str, ...]) -> str:
+    """``value`` if it is one of ``allowed``."""
+    if not isinstance(value, str) or value not in allowed:
+        names = " or ".join(repr(name) for name in allowed)
+        raise DefinitionError(f"{field} = {value!r} must be {names}")
+    return value
+
+
+def index(value: Any, field: str, size: int | None = None) -> int:
+    """``value`` as an index ``0 <= value < size``."""
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        result = int(value)
+        whole = result == value
+    except (TypeError, ValueError, OverflowError):
+        result, whole = 0, False
+    if not whole or result < 0 or (size is not None and result >= size):
+        top = "" if size is None else f" from 0 to {size - 1}"
+        raise DefinitionError(f"{field} = {value!r} must be the index of a tube{top}, 0 being the innermost")
+    return result
+
+
+def _range(above: float | None, least: float | None, most: float | None, unit: str) -> str:
+    bounds = []
+    if above is not None:
+        bounds.append(f"above {above:g}")
+    if least is not None:
+        bounds.append(f"at least {least:g}")
+    if most is not None:
+        bounds.append(f"at most {most:g}")
+    return "a finite number" + _in(unit) + (", " + " and ".join(bounds) if bounds else "")
+
+
+def _in(unit: str) -> str:
+    return f" in {unit}" if unit else ""
+
+
+def _spaced(unit: str) -> str:
+    return f" {unit}" if unit else ""
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,182 @@
+"""External loads: wrenches at a point and distributed over an interval, in the world frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from .checks import Array, array, choice, index, number
+from .piecewise import PiecewisePolynomial
+
+_ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
+_FRAMES = ("world",)
+
+
+@attrs.frozen(eq=False)
+class LoadTable:
+    """A load density given at points and interpolated linearly between them: ``(s (k,), values (k, 3))``."""
+
+    arc_length: Array
+    values: Array
+
+    def polynomial(self) -> PiecewisePolynomial:
+        """The interpolant; zero outside the table."""
+        slopes = np.diff(self.values, axis=0) / np.diff(self.arc_length)[:, None]
+        return PiecewisePolynomial(self.arc_length, np.stack((self.values[:-1], slopes)))
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, LoadTable)
+            and np.array_equal(self.arc_length, other.arc_length)
+            and np.array_equal(self.values, other.values)
+        )
+
+
+LoadFunction: TypeAlias = Callable[[float], Any]
+Density: TypeAlias = Array | LoadTable | LoadFunction
+
+
+def _vector(field: str, unit: str) -> Callable[[Any], Array]:
+    return lambda value: array(value, field, (3,), unit=unit)
+
+
+def _density(field: str, unit: str) -> Callable[[Any], Density]:
+    def convert(value: Any) -> Density:
+        if callable(value) or isinstance(value, LoadTable):
+            return value  # type: ignore[no-any-return]
+        if isinstance(value, (tuple, list)) and len(value) == 2:
+            s = array(value[0], f"{field}[0] (arc lengths)", (None,), unit="m")
+            table = array(value[1], f"{field}[1] (values)", (None, 3), unit=unit)
+            if len(s) < 2 or len(s) != len(table):
+                raise DefinitionError(
+                    f"{field}: a table needs at least 2 arc lengths and as many rows, got {len(s)} and {len(table)}"
+                )
+            if np.any(np.diff(s) <= 0.0):
+                k = int(np.argmax(np.diff(s) <= 0.0)) + 1
+                raise DefinitionError(
+                    f"{field}: arc length [{k}] = {s[k]:g} m must be above [{k - 1}] = {s[k - 1]:g} m"
+                )
+            return LoadTable(s, table)
+        return array(value, field, (3,), unit=unit)
+
+    return convert
+
+
+def _arc_length(field: str) -> Callable[[Any], float | None]:
+    return lambda value: None if value is None else number(value, field, least=0.0, unit="m")
+
+
+def _tube(value: Any) -> int:
+    return index(value, "tube")
+
+
+def _frame(value: Any) -> str:
+    return choice(value, "frame", _FRAMES)
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and np.array_equal(a, b)
+    return bool(a == b)
+
+
+_DENSITY_EQ = attrs.cmp_using(eq=_same)
+
+
+@attrs.frozen
+class PointWrench:
+    """A force and a moment at a point of a named tube; world-fixed ("dead").
+
+    Parameters
+    ----------
+    force, moment
+        ``(3,)``, N and N m, world frame. An axial moment twists the named tube alone.
+    arc_length
+        ``s`` from the entry point, m; ``None``: the named tube's distal end, wherever it is.
+    tube
+        Index of the tube that carries it, 0 the innermost.
+    frame
+        ``"world"``.
+
+    Examples
+    --------
+    >>> PointWrench(force=[0.0, 0.5, 0.0]).tube
+    0
+    """
+
+    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_vector("force", "N"), eq=_ARRAY_EQ)
+    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_vector("moment", "N m"), eq=_ARRAY_EQ)
+    arc_length: float | None = attrs.field(default=None, converter=_arc_length("arc_length"))
+    tube: int = attrs.field(default=0, converter=_tube)
+    frame: str = attrs.field(default="world", converter=_frame)
+
+    @property
+    def has_moment(self) -> bool:
+        """Whether it applies a moment, which has no potential."""
+        return bool(np.any(self.moment))
+
+    def times(self, factor: float) -> PointWrench:
+        """The load multiplied."""
+        return attrs.evolve(self, force=factor * self.force, moment=factor * self.moment)
+
+
+@attrs.frozen
+class DistributedLoad:
+    """A force and a moment per arc length on a named tube; world-fixed ("dead").
+
+    Parameters
+    ----------
+    force, moment
+        N/m and N m/m, world frame: constant ``(3,)``; or a pair ``(s (k,), values (k, 3))``, interpolated
+        linearly and zero outside; or a function ``s -> (3,)``, smooth inside the interval. The moment about
+        the backbone's tangent twists the named tube alone.
+    start, end
+        ``s`` from the entry point, m; ``end=None``: the named tube's distal end.
+    tube
+        Index of the tube that carries it, 0 the innermost.
+    frame
+        ``"world"``.
+
+    Examples
+    --------
+    >>> DistributedLoad(force=[-2.0, 0.0, 0.0], start=0.01).end is None
+    True
+    """
+
+    force: Density = attrs.field(default=(0.0, 0.0, 0.0), converter=_density("force", "N/m"), eq=_DENSITY_EQ)
+    moment: Density = attrs.field(default=(0.0, 0.0, 0.0), converter=_density("moment", "N m/m"), eq=_DENSITY_EQ)
+    start: float = attrs.field(default=0.0, converter=lambda value: number(value, "start", least=0.0, unit="m"))
+    end: float | None = attrs.field(default=None, converter=_arc_length("end"))
+    tube: int = attrs.field(default=0, converter=_tube)
+    frame: str = attrs.field(default="world", converter=_frame)
+
+    def __attrs_post_init__(self) -> None:
+        if self.end is not None and self.end <= self.start:
+            raise DefinitionError(f"end = {self.end:g} m must be above start = {self.start:g} m")
+
+    @property
+    def has_moment(self) -> bool:
+        """Whether it applies a moment, which has no potential."""
+        if isinstance(self.moment, LoadTable):
+            return bool(np.any(self.moment.values))
+        return callable(self.moment) or bool(np.any(self.moment))
+
+    def times(self, factor: float) -> DistributedLoad:
+        """The load multiplied."""
+        return attrs.evolve(self, force=_times(self.force, factor), moment=_times(self.moment, factor))
+
+
+def _times(density: Density, factor: float) -> Density:
+    if isinstance(density, LoadTable):
+        return LoadTable(density.arc_length, factor * density.values)
+    if callable(density):
+        return lambda s: factor * np.asarray(density(s), dtype=np.float64)
+    return factor * density
+
+
+Load: TypeAlias = PointWrench | DistributedLoad
+LOADS = (PointWrench, DistributedLoad)

@@ -1,0 +1,56 @@
+"""Vector-valued piecewise polynomials: what precurvatures and load tables are reduced to."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from .checks import Array
+
+
+@attrs.frozen(eq=False)
+class PiecewisePolynomial:
+    """``f(x) = sum_k coefficients[k, j] (x - breaks[j])^k`` on ``breaks[j] <= x <= breaks[j + 1]``.
+
+    ``breaks`` has shape ``(pieces + 1,)``, ``coefficients`` ``(degree + 1, pieces, 3)``. The value at a
+    break depends on the side, so the caller says which piece it means.
+    """
+
+    breaks: Array
+    coefficients: Array
+
+    @staticmethod
+    def join(parts: list[PiecewisePolynomial]) -> PiecewisePolynomial:
+        """The parts one behind the other, each starting where the one before it ends."""
+        order = max(len(part.coefficients) for part in parts)
+        breaks, columns, end = [np.zeros(1)], [], 0.0
+        for part in parts:
+            breaks.append(end + part.breaks[1:])
+            end = float(breaks[-1][-1])
+            columns.append(np.pad(part.coefficients, ((0, order - len(part.coefficients)), (0, 0), (0, 0))))
+        return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(columns, axis=1))
+
+    def piece(self, x: Array) -> NDArray[np.intp]:
+        """The piece each ``x`` lies in; outside the breaks the first or the last."""
+        found = np.searchsorted(self.breaks, x, side="right") - 1
+        return np.clip(found, 0, self.coefficients.shape[1] - 1)
+
+    def __call__(self, x: Array, piece: NDArray[np.intp]) -> Array:
+        """Values ``x.shape + (3,)`` with each ``x`` taken on the ``piece`` named."""
+        local = (x - self.breaks[piece])[..., None]
+        value = np.zeros((*np.shape(x), 3))
+        for coefficient in self.coefficients[::-1]:
+            value = value * local + coefficient[piece]
+        return value
+
+    def integrate(self, start: float, end: float, of: str = "value") -> Array:
+        """``integral of f`` (or, with ``of="square"``, of ``f * f``) over ``[start, end]``, shape ``(3,)``; exact."""
+        inner = self.breaks[(self.breaks > start) & (self.breaks < end)]
+        edges = np.concatenate(([start], inner, [end]))
+        points, weights = np.polynomial.legendre.leggauss(len(self.coefficients) + 1)
+        half = 0.5 * np.diff(edges)[:, None]
+        middle = 0.5 * (edges[1:] + edges[:-1])[:, None]
+        values = self(middle + half * points, np.broadcast_to(self.piece(middle), (len(half), len(points))))
+        values = values**2 if of == "square" else values
+        return np.asarray(np.einsum("ij,ijk->k", half * weights, values))

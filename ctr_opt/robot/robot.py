@@ -1,0 +1,91 @@
+"""The robot: tubes from inner to outer, and where they enter the workspace."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError, NestingWarning
+from .checks import Array, array, choice
+from .tube import Tube
+
+_ROTATION_TOLERANCE = 1e-6
+
+
+def _tubes(value: Any) -> tuple[Tube, ...]:
+    tubes = (value,) if isinstance(value, Tube) else value
+    if not isinstance(tubes, (list, tuple)) or not tubes:
+        raise DefinitionError(f"tubes = {value!r} must be a non-empty list of Tube, the innermost first")
+    for k, tube in enumerate(tubes):
+        if not isinstance(tube, Tube):
+            raise DefinitionError(f"tubes[{k}] = {tube!r} must be a Tube")
+    names = [tube.name for tube in tubes]
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise DefinitionError(
+                f"tubes[{k}]: name = {name!r} is that of tubes[{names.index(name)}] too; names must differ"
+            )
+    return tuple(tubes)
+
+
+def _pose(value: Any) -> Array:
+    if value is None:
+        value = np.eye(4)
+    pose = np.array(array(value, "base_pose", (4, 4)))
+    if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
+        raise DefinitionError(f"base_pose: the last row {pose[3].tolist()} must be [0, 0, 0, 1]")
+    rotation = pose[:3, :3]
+    defect = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    determinant = float(np.linalg.det(rotation))
+    if defect > _ROTATION_TOLERANCE or determinant < 0.0:
+        raise DefinitionError(
+            f"base_pose: the upper left 3 x 3 block is no rotation (R^T R differs from the identity by {defect:.2g}, "
+            f"allowed {_ROTATION_TOLERANCE:g}; det R = {determinant:.6g}, must be 1)"
+        )
+    left, _, right = np.linalg.svd(rotation)
+    pose[:3, :3] = left @ right
+    pose.setflags(write=False)
+    return pose
+
+
+@attrs.frozen
+class Robot:
+    """A concentric-tube robot.
+
+    Parameters
+    ----------
+    tubes
+        The tubes, **tube 0 the innermost**.
+    base_pose
+        Pose of the entry point in the world, 4 x 4 (m), z along the straight entry; default identity.
+        Rotations are accepted up to rounding of 1e-6 and made exact.
+    on_overlap
+        What to do where a tube is wider than the bore of the next one: ``"warn"`` (published robots
+        overlap), ``"error"`` or ``"ignore"``.
+
+    Examples
+    --------
+    >>> tube = Tube("wire", 1e-3, 0.0, Arc(0.1, 5.0), youngs_modulus=60e9, poisson_ratio=0.3)
+    >>> len(Robot([tube]).tubes)
+    1
+    """
+
+    tubes: tuple[Tube, ...] = attrs.field(converter=_tubes)
+    base_pose: Array = attrs.field(default=None, converter=_pose, eq=attrs.cmp_using(eq=np.array_equal))
+    on_overlap: str = attrs.field(default="warn", eq=False, kw_only=True)
+
+    def __attrs_post_init__(self) -> None:
+        choice(self.on_overlap, "on_overlap", ("warn", "error", "ignore"))
+        for k, (inner, outer) in enumerate(zip(self.tubes, self.tubes[1:], strict=False)):
+            if inner.outer_diameter <= outer.inner_diameter or self.on_overlap == "ignore":
+                continue
+            message = (
+                f"tubes[{k}] ({inner.name!r}): outer_diameter = {inner.outer_diameter:g} m does not fit into "
+                f"tubes[{k + 1}] ({outer.name!r}): inner_diameter = {outer.inner_diameter:g} m"
+            )
+            if self.on_overlap == "error":
+                raise DefinitionError(message)
+            warnings.warn(message, NestingWarning, stacklevel=3)

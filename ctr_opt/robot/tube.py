@@ -1,0 +1,147 @@
+"""One precurved elastic tube."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import attrs
+
+from ..errors import DefinitionError
+from .checks import number
+from .piecewise import PiecewisePolynomial
+from .precurvature import PrecurvaturePiece, as_pieces
+
+
+def _positive_or_none(value: Any, field: str, unit: str) -> float | None:
+    return None if value is None else number(value, field, above=0.0, unit=unit)
+
+
+@attrs.frozen(kw_only=False)
+class Tube:
+    """A tube: its cross-section, its material and its preset shape.
+
+    Stiffnesses follow from the diameters and moduli, ``EI = E pi (D^4 - d^4) / 64`` and ``GJ = 2 G I``
+    (paper, (3)), unless given directly, which then counts. The tube's length is that of its pieces.
+
+    Parameters
+    ----------
+    name
+        For messages, reports and files.
+    outer_diameter, inner_diameter
+        m, ``0 <= inner_diameter < outer_diameter``.
+    precurvature
+        A piece, or the pieces from base to tip: :class:`Straight`, :class:`Arc`,
+        :class:`PolynomialCurvature`, :class:`SampledCurvature`.
+    youngs_modulus, shear_modulus
+        Pa; may be omitted when the stiffnesses are given.
+    poisson_ratio
+        In place of the shear modulus: ``G = E / (2 (1 + nu))``, ``-1 < nu <= 0.5``.
+    density
+        kg/m^3, for gravity.
+    bending_stiffness, torsional_stiffness
+        ``EI`` and ``GJ``, N m^2.
+
+    Raises
+    ------
+    DefinitionError
+        Names the tube, the field, its value and what is allowed.
+
+    Examples
+    --------
+    >>> tube = Tube("inner", 1.75e-3, 1.25e-3, [Straight(0.2), Arc(0.1, 7.0)], youngs_modulus=58e9, poisson_ratio=0.3)
+    >>> round(tube.bending_stiffness, 5), round(tube.length, 3)
+    (0.01975, 0.3)
+    """
+
+    name: str
+    outer_diameter: float
+    inner_diameter: float
+    precurvature: tuple[PrecurvaturePiece, ...]
+    youngs_modulus: float | None = None
+    shear_modulus: float | None = None
+    poisson_ratio: float | None = None
+    density: float = 0.0
+    _bending_stiffness: float | None = None
+    _torsional_stiffness: float | None = None
+    shape: PiecewisePolynomial = attrs.field(init=False, eq=False, repr=False)
+
+    def __attrs_post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise DefinitionError(f"tube name = {self.name!r} must be a non-empty text")
+        try:
+            self._check()
+        except DefinitionError as error:
+            raise DefinitionError(f"tube {self.name!r}: {error}") from None
+
+    def _check(self) -> None:
+        def put(field: str, value: object) -> None:
+            object.__setattr__(self, field, value)
+
+        put("outer_diameter", number(self.outer_diameter, "outer_diameter", above=0.0, unit="m"))
+        put("inner_diameter", number(self.inner_diameter, "inner_diameter", least=0.0, unit="m"))
+        if self.inner_diameter >= self.outer_diameter:
+            raise DefinitionError(
+                f"inner_diameter = {self.inner_diameter:g} m must be below outer_diameter = {self.outer_diameter:g} m"
+            )
+        put("youngs_modulus", _positive_or_none(self.youngs_modulus, "youngs_modulus", "Pa"))
+        put("shear_modulus", _positive_or_none(self.shear_modulus, "shear_modulus", "Pa"))
+        put("density", number(self.density, "density", least=0.0, unit="kg/m^3"))
+        put("_bending_stiffness", _positive_or_none(self._bending_stiffness, "bending_stiffness", "N m^2"))
+        put("_torsional_stiffness", _positive_or_none(self._torsional_stiffness, "torsional_stiffness", "N m^2"))
+        if self.poisson_ratio is not None:
+            put("poisson_ratio", number(self.poisson_ratio, "poisson_ratio", above=-1.0, most=0.5))
+            if self.shear_modulus is not None:
+                raise DefinitionError(
+                    f"shear_modulus = {self.shear_modulus:g} Pa and poisson_ratio = {self.poisson_ratio:g} "
+                    "are both given: give one of them"
+                )
+        if self.youngs_modulus is None and self._bending_stiffness is None:
+            raise DefinitionError("youngs_modulus is missing: give it, in Pa, or bending_stiffness, in N m^2")
+        if self._torsional_stiffness is None and self._shear() is None:
+            raise DefinitionError(
+                "shear_modulus is missing: give it, in Pa, or poisson_ratio with youngs_modulus, "
+                "or torsional_stiffness, in N m^2"
+            )
+        put("precurvature", as_pieces(self.precurvature))
+        put("shape", PiecewisePolynomial.join([piece.polynomial() for piece in self.precurvature]))
+
+    def _shear(self) -> float | None:
+        if self.shear_modulus is not None:
+            return self.shear_modulus
+        if self.poisson_ratio is None or self.youngs_modulus is None:
+            return None
+        return self.youngs_modulus / (2.0 * (1.0 + self.poisson_ratio))
+
+    @property
+    def second_moment(self) -> float:
+        """Second moment of area ``I``, m^4."""
+        return math.pi * (self.outer_diameter**4 - self.inner_diameter**4) / 64.0
+
+    @property
+    def bending_stiffness(self) -> float:
+        """``EI``, N m^2."""
+        if self._bending_stiffness is not None:
+            return self._bending_stiffness
+        assert self.youngs_modulus is not None
+        return self.youngs_modulus * self.second_moment
+
+    @property
+    def torsional_stiffness(self) -> float:
+        """``GJ``, N m^2."""
+        if self._torsional_stiffness is not None:
+            return self._torsional_stiffness
+        shear = self._shear()
+        assert shear is not None
+        return shear * 2.0 * self.second_moment
+
+    @property
+    def length(self) -> float:
+        """Arc length from base to tip, m."""
+        return float(self.shape.breaks[-1])
+
+    @property
+    def given_stiffnesses(self) -> dict[str, float]:
+        """The stiffnesses that were given directly, by their argument names."""
+        given = {"bending_stiffness": self._bending_stiffness, "torsional_stiffness": self._torsional_stiffness}
+        return {name: value for name, value in given.items() if value is not None}

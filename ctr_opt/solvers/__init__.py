@@ -1,0 +1,1 @@
+"""From algebra to numbers; the only place that builds CasADi solvers."""

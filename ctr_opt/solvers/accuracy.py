@@ -1,0 +1,50 @@
+"""How far a discretized shape is from the exact one, by comparison with half the steps' length."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from ..robot.checks import Array
+from ..transcription.linear import newton_correction
+from ..transcription.shooting import Nodes, Shooting
+from .newton import Newton, Solution, newton
+
+_SAFETY = 2.0  # the error is at most twice the difference to half the step, for a method of order one or more
+_ROUNDING = 1e-12  # of the length: no smaller error is claimed
+
+NEARBY = Newton(max_iterations=15, shortest_step=1.0)
+"""Newton's method without damping: it converges nearby or says so."""
+
+ALONG_FAMILY = Newton(max_iterations=30, negligible=1e-3)
+"""Newton's method onto a family of equilibria, keeping the place along it."""
+
+
+@attrs.frozen(eq=False)
+class Estimate:
+    """Estimated largest position error over the length, and the finer problem with its solution."""
+
+    error: float
+    finer: Shooting
+    z: Array
+
+
+def estimate_error(shooting: Shooting, solution: Solution, nodes: Nodes, tolerance: float) -> Estimate:
+    """Error of ``nodes``, at the mesh of ``shooting``, against the finer solution near ``solution``.
+
+    The finer solution takes one chord step, two sweeps and no Jacobian; Newton's method only where that is not enough.
+    """
+    finer = shooting.refined()
+    _, residual = finer.sweep(solution.z)
+    z = solution.z + newton_correction(solution.jacobian, residual)
+    fine_nodes, rest = finer.sweep(z)
+    if not np.all(np.isfinite(rest)):
+        return Estimate(np.inf, finer, solution.z)
+    if np.abs(rest).max() > max(0.01 * np.abs(residual).max(), tolerance):
+        exact = newton(finer, z, tolerance, NEARBY)
+        if not exact.converged:
+            return Estimate(np.inf, finer, z)
+        z = exact.z
+        fine_nodes, _ = finer.sweep(z)
+    difference = np.linalg.norm(nodes.left[:3] - fine_nodes.left[:3, 1::2], axis=0).max()
+    return Estimate(float(_SAFETY * difference + _ROUNDING), finer, z)

@@ -1,0 +1,101 @@
+"""Continuation in one parameter from 0 to 1, along one branch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import attrs
+import numpy as np
+
+from ..robot.checks import Array
+from .newton import Newton, Solution, System, newton
+
+
+@attrs.frozen
+class Homotopy:
+    """Natural continuation with a secant predictor and step control.
+
+    A step is taken back and halved when Newton's method does not contract fast from the predicted point, or when the
+    Jacobian changes so much that it may have been singular on the way: then the path has met a fold or a bifurcation,
+    or jumped a branch.
+
+    Parameters
+    ----------
+    first_step, smallest_step
+        Of the parameter, which runs from 0 to 1.
+    max_steps
+        Steps tried, the failed ones included.
+    """
+
+    first_step: float = 0.5
+    smallest_step: float = 1e-5
+    max_steps: int = 400
+
+
+@attrs.frozen(eq=False)
+class Trace:
+    """Where a continuation ended: the last point reached, the parameter there, and what it took."""
+
+    solution: Solution
+    reached: float
+    steps: int
+    iterations: int
+    singular: bool
+
+    @property
+    def complete(self) -> bool:
+        """Whether the parameter got to 1."""
+        return self.reached == 1.0
+
+
+_CORRECTOR = Newton(max_iterations=7, contraction=0.5, shortest_step=1.0)
+_CHANGE = 4.0  # factor by which an eigenvalue of the Jacobian may change in a step
+_SINGULAR = 0.05  # smallest singular value over the largest seen on the path, at which an end counts as a fold
+
+
+def trace(
+    at: Callable[[float], System],
+    z: Array,
+    tolerance: float,
+    method: Homotopy = Homotopy(),  # noqa: B008 - frozen
+) -> Trace:
+    """Follow the solution of ``at(parameter)`` from ``z`` at 0 to 1."""
+    start = newton(at(0.0), z, tolerance)
+    iterations = start.iterations
+    if not start.converged:
+        return Trace(start, 0.0, 0, iterations, False)
+    here, reached, step, steps = start, 0.0, method.first_step, 0
+    before: tuple[float, Array] | None = None
+    widest = _smallest(here)
+    while reached < 1.0 and steps < method.max_steps and step >= method.smallest_step:
+        target = min(1.0, reached + step)
+        guess = here.z
+        if before is not None:
+            guess = here.z + (target - reached) / (reached - before[0]) * (here.z - before[1])
+        found = newton(at(target), guess, max(tolerance, 1e-8) if target < 1.0 else tolerance, _CORRECTOR)
+        steps += 1
+        iterations += found.iterations
+        if not found.converged or not _regular_between(here, found):
+            step = 0.5 * (target - reached)
+            continue
+        before = (reached, here.z)
+        here, reached = found, target
+        widest = max(widest, _smallest(found))
+        step *= 3.0 if found.iterations <= 2 else 1.6 if found.iterations <= 3 else 0.8
+    return Trace(here, reached, steps, iterations, _smallest(here) < _SINGULAR * widest)
+
+
+def _regular_between(a: Solution, b: Solution) -> bool:
+    """Whether the Jacobian can be taken to have stayed regular from ``a`` to ``b``.
+
+    An eigenvalue of ``J_a^-1 J_b`` starts at 1 and becomes negative when one of ``J`` passes zero, whatever its
+    multiplicity (the sign of the determinant shows only an odd number of them). It must stay within 60 degrees of the
+    positive axis, and not grow or shrink much, as what passes zero and comes back has been small in between.
+    """
+    values = np.linalg.eigvals(np.linalg.lstsq(a.jacobian, b.jacobian, rcond=None)[0])
+    size = np.abs(values)
+    return bool(np.all((values.real > 0.5 * size) & (size > 1.0 / _CHANGE) & (size < _CHANGE)))
+
+
+def _smallest(solution: Solution) -> float:
+    return float(np.linalg.svd(solution.jacobian, compute_uv=False)[-1])

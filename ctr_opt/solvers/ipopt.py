@@ -1,0 +1,95 @@
+"""IPOPT behind one class: built once for a program, solved for many parameters; what it says is believed only if checked."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from ..robot.checks import Array
+from ..transcription.nlp import Nlp
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+
+@attrs.frozen
+class Ipopt:
+    """Options of IPOPT.
+
+    Parameters
+    ----------
+    tolerance
+        Of the optimality conditions and constraints; the problems are dimensionless.
+    max_iterations
+        Iterations allowed.
+    """
+
+    tolerance: float = 1e-10
+    max_iterations: int = 200
+
+
+@attrs.frozen(eq=False)
+class IpoptPoint:
+    """Where IPOPT ended."""
+
+    x: Array
+    multipliers: Array
+    objective: float
+    iterations: int
+    converged: bool
+    message: str
+    residual: Array
+
+
+class IpoptSolver:
+    """An equality-constrained program, ready to be solved."""
+
+    def __init__(self, nlp: Nlp, method: Ipopt) -> None:
+        self.nlp = nlp
+        self._tolerance = method.tolerance
+        options = {
+            "print_time": False,
+            "error_on_fail": False,
+            "calc_lam_p": False,
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "tol": method.tolerance,
+                "acceptable_iter": 0,
+                "max_iter": method.max_iterations,
+                "nlp_scaling_method": "none",
+            },
+        }
+        self._solver = ca.nlpsol("solver", "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}, options)
+        self._hessian: ca.Function | None = None
+
+    def solve(self, x: Array, p: Array) -> IpoptPoint:
+        """Solve from the guess ``x`` with parameters ``p``."""
+        result = self._solver(x0=x, p=p, lbg=0.0, ubg=0.0)
+        stats = self._solver.stats()
+        found, residual = result["x"].full()[:, 0], result["g"].full()[:, 0]
+        sound = bool(np.all(np.isfinite(found)) and np.abs(residual).max() < 1e3 * self._tolerance)
+        return IpoptPoint(
+            found,
+            result["lam_g"].full()[:, 0],
+            float(result["f"]),
+            int(stats["iter_count"]),
+            stats["return_status"] == "Solve_Succeeded" and sound,
+            str(stats["return_status"]).replace("_", " ").lower(),
+            residual,
+        )
+
+    def derivatives(self, point: IpoptPoint, p: Array) -> tuple[csc_matrix, csc_matrix]:
+        """Hessian of the Lagrangian and Jacobian of the constraints at a point."""
+        from scipy.sparse import csc_matrix
+
+        if self._hessian is None:
+            nlp = self.nlp
+            lam = ca.MX.sym("lam", nlp.g.numel())
+            hessian, _ = ca.hessian(nlp.f + ca.dot(lam, nlp.g), nlp.x)
+            self._hessian = ca.Function("derivatives", [nlp.x, nlp.p, lam], [hessian, ca.jacobian(nlp.g, nlp.x)])
+        hessian, jacobian = self._hessian(point.x, p, point.multipliers)
+        return csc_matrix(hessian.sparse()), csc_matrix(jacobian.sparse())

@@ -1,0 +1,85 @@
+"""Minimization that does not stop at saddles: IPOPT, the inertia of the reduced Hessian, and a way down."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robot.checks import Array
+from .inertia import Inertia, reduced_inertia
+from .ipopt import IpoptPoint, IpoptSolver
+
+_MARGIN = 1e-7  # an eigenvalue relative to the elastic part below which no minimum is claimed
+_DESCENTS = 6  # saddles left before giving up; each descent lowers the energy
+_STEPS = (0.3, 1.0, 3.0)  # tried along a descent direction, in units of the elastic metric
+
+
+class Energy(Protocol):
+    """What is minimized: parameters, and the metric of its free variables."""
+
+    @property
+    def parameters(self) -> Array:
+        """The program's parameters."""
+        ...
+
+    def metric(self) -> Array:
+        """Positive weights of the free variables."""
+        ...
+
+
+@attrs.frozen(eq=False)
+class Minimum:
+    """A stationary point, its inertia, and how many saddles were left on the way."""
+
+    point: IpoptPoint
+    inertia: Inertia | None
+    descents: int
+    iterations: int
+
+    @property
+    def found(self) -> bool:
+        """Whether no negative direction is left; one may be neutral, along a family of equilibria."""
+        return self.inertia is not None and self.inertia.negative == 0
+
+    @property
+    def stable(self) -> bool:
+        """Whether the second variation is positive."""
+        return self.inertia is not None and self.inertia.smallest > _MARGIN
+
+
+def minimize(solver: IpoptSolver, energy: Energy, free: NDArray[np.intp], guess: Array) -> Minimum:
+    """A minimum of the energy near ``guess``, or the stationary point at which the way down was lost."""
+    parameters = energy.parameters
+    point = solver.solve(guess, parameters)
+    iterations = point.iterations
+    for descents in range(_DESCENTS + 1):
+        if not point.converged:
+            return Minimum(point, None, descents, iterations)
+        inertia = reduced_inertia(*solver.derivatives(point, parameters), free, energy.metric(), _MARGIN)
+        if inertia.negative == 0 or descents == _DESCENTS:
+            break
+        lower, used = _descend(solver, parameters, point, inertia)
+        iterations += used
+        if lower is None:
+            break
+        point = lower
+    return Minimum(point, inertia, descents, iterations)
+
+
+def _descend(
+    solver: IpoptSolver, parameters: Array, saddle: IpoptPoint, inertia: Inertia
+) -> tuple[IpoptPoint | None, int]:
+    """The lowest point reached by stepping both ways along the negative direction, and the iterations spent."""
+    iterations = 0
+    for step in _STEPS:
+        points = [solver.solve(saddle.x + sign * step * inertia.direction, parameters) for sign in (1.0, -1.0)]
+        iterations += sum(point.iterations for point in points)
+        slack = 1e-10 * (1.0 + abs(saddle.objective))
+        lower = [point for point in points if point.converged and point.objective < saddle.objective - slack]
+        if lower:
+            best = min(point.objective for point in lower)
+            return next(point for point in lower if point.objective <= best + slack), iterations
+    return None, iterations

@@ -1,0 +1,94 @@
+"""Newton's method for a small square system, never silent: every iterate is checked for size and finiteness."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import attrs
+import numpy as np
+
+from ..robot.checks import Array
+from ..transcription.linear import NEGLIGIBLE, newton_correction
+
+
+class System(Protocol):
+    """A square system: residual and Jacobian at ``z``."""
+
+    def linearize(self, z: Array) -> tuple[Array, Array]:
+        """Residual ``(k,)`` and Jacobian ``(k, k)``."""
+        ...
+
+
+_ROUNDING = 1e-13  # a correction below, relative to the unknowns, changes nothing but rounding errors ...
+_ROUNDED = 1e-6  # ... which a flexible robot amplifies to residuals up to this
+
+
+@attrs.frozen
+class Newton:
+    """Newton's method with a monotonicity test.
+
+    Parameters
+    ----------
+    max_iterations
+        Iterations allowed.
+    contraction
+        A step is halved until the next correction is expected to be shorter: the norm of the simplified Newton
+        correction must fall below this factor times the last (Deuflhard's natural monotonicity test).
+    shortest_step
+        The smallest damping factor tried.
+    negligible
+        Singular values of the Jacobian below are taken for zero, and no step is made in their directions.
+    """
+
+    max_iterations: int = 30
+    contraction: float = 1.0
+    shortest_step: float = 1e-3
+    negligible: float = NEGLIGIBLE
+
+
+@attrs.frozen(eq=False)
+class Solution:
+    """Where Newton's method ended: ``z``, the residual and Jacobian there, and whether it converged."""
+
+    z: Array
+    residual: Array
+    jacobian: Array
+    iterations: int
+    converged: bool
+    reason: str = ""
+
+    @property
+    def residual_norm(self) -> float:
+        """Largest entry of the residual; infinite if it is not finite."""
+        size = float(np.abs(self.residual).max())
+        return size if np.isfinite(size) else np.inf
+
+
+def newton(system: System, z: Array, tolerance: float, method: Newton = Newton()) -> Solution:  # noqa: B008 - frozen
+    """Solve ``residual(z) = 0`` from ``z`` down to ``tolerance`` (largest entry)."""
+    residual, jacobian = system.linearize(z)
+    iterations = 0
+    while True:
+        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
+            return Solution(z, residual, jacobian, iterations, False, "the residual is not finite")
+        correction = newton_correction(jacobian, residual, method.negligible)
+        size, change = np.abs(residual).max(), np.linalg.norm(correction)
+        if size <= tolerance or (size <= _ROUNDED and change <= _ROUNDING * (1.0 + np.linalg.norm(z))):
+            return Solution(z, residual, jacobian, iterations, True)
+        if iterations == method.max_iterations:
+            return Solution(z, residual, jacobian, iterations, False, f"no convergence in {iterations} iterations")
+        step = 1.0
+        while True:
+            trial = z + step * correction
+            new_residual, new_jacobian = system.linearize(trial)
+            if np.all(np.isfinite(new_residual)) and np.all(np.isfinite(new_jacobian)):
+                following = np.linalg.norm(newton_correction(jacobian, new_residual, method.negligible))
+                if following <= max(
+                    (1.0 - 0.5 * step) * method.contraction * change, _ROUNDING * (1.0 + np.linalg.norm(z))
+                ):
+                    break
+            step *= 0.5
+            if step < method.shortest_step:
+                return Solution(z, residual, jacobian, iterations, False, "no step decreased the residual")
+        z, residual, jacobian = trial, new_residual, new_jacobian
+        iterations += 1

@@ -1,0 +1,1 @@
+"""From differential to algebraic equations."""

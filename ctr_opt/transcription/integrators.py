@@ -1,0 +1,54 @@
+"""Explicit Runge-Kutta methods as values; the tableaus are SciPy's (Dormand and Prince; Hairer, Norsett and Wanner)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..mechanics.symbols import SymT
+from ..robot.checks import Array
+
+
+@attrs.frozen(eq=False)
+class RungeKutta:
+    """``x+ = x + h sum_j weights_j k_j``, ``k_j = f(x + h sum_i matrix_ji k_i)`` at the fractions ``nodes_j``."""
+
+    name: str
+    order: int
+    matrix: Array
+    weights: Array
+    nodes: Array
+
+    def step(self, derivative: Callable[[SymT, int], SymT], x: SymT, length: SymT) -> SymT:
+        """One step; ``derivative(x, j)`` is the right-hand side with the data of stage ``j``."""
+        slopes: list[SymT] = []
+        for j, row in enumerate(self.matrix):
+            inner = x
+            for slope, coefficient in zip(slopes, row, strict=False):
+                if coefficient != 0.0:
+                    inner = inner + length * float(coefficient) * slope
+            slopes.append(derivative(inner, j))
+        result = x
+        for slope, weight in zip(slopes, self.weights, strict=True):
+            if weight != 0.0:
+                result = result + length * float(weight) * slope
+        return result
+
+
+@cache
+def runge_kutta(name: str = "RK8") -> RungeKutta:
+    """``"RK4"`` (classical), ``"RK5"`` (Dormand-Prince) or ``"RK8"`` (the propagating formula of DOP853)."""
+    if name == "RK4":
+        matrix = np.array([[0, 0, 0, 0], [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1, 0]], dtype=float)
+        return RungeKutta(name, 4, matrix, np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1]))
+    from scipy.integrate import DOP853, RK45
+
+    if name == "RK5":
+        return RungeKutta(name, 5, np.asarray(RK45.A), np.asarray(RK45.B), np.asarray(RK45.C))
+    if name == "RK8":
+        return RungeKutta(name, 8, np.asarray(DOP853.A), np.asarray(DOP853.B), np.asarray(DOP853.C))
+    raise DefinitionError(f"integrator = {name!r} must be 'RK4', 'RK5' or 'RK8'")

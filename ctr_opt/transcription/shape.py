@@ -1,0 +1,111 @@
+"""A shape between the nodes of a mesh: states, curvatures, energies at any arc length."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DefinitionError
+from ..mechanics.sections import Configuration
+from ..mechanics.state import State, state_scales
+from ..robot.checks import Array
+from .columns import StepColumns
+from .shooting import Nodes, shooting_functions
+
+_QUADRATURE = 6  # Gauss points a step for energies: exact to the accuracy of the steps themselves
+
+
+@attrs.frozen(eq=False)
+class Values:
+    """Everything at some arc lengths, SI, one column each: the state, ``u_xy``, ``u_i,z`` and the energy density."""
+
+    state: State[Array]
+    bent: Array
+    twisted: Array
+    energy: Array
+
+
+class Shape:
+    """States at the nodes, carried on from the node at the left by one step of the integrator."""
+
+    def __init__(self, configuration: Configuration, mesh: Array, nodes: Nodes, integrator: str = "RK8") -> None:
+        self.configuration = configuration
+        self.mesh = mesh
+        self.nodes = nodes
+        self.integrator = integrator
+        self.functions = shooting_functions(configuration.tube_count, integrator)
+        scales = configuration.scales
+        self.unit = state_scales(configuration.tube_count, scales.length, scales.moment, scales.force)
+
+    def inside(self, s: Array, most: float, what: str) -> Array:
+        """``s`` as an array, or an error where it is not within ``[0, most]``; the break points are hit exactly."""
+        points = np.asarray(s, dtype=np.float64)
+        slack = 1e-12 * self.configuration.length
+        wrong = ~((points >= -slack) & (points <= most + slack))
+        if wrong.any():
+            value = float(points[wrong].ravel()[0])
+            raise DefinitionError(f"s = {value:g} m is outside {what}: allowed are 0 to {most:g} m")
+        starts = self.mesh[:, 0]
+        nearest = np.clip(np.searchsorted(starts, points - slack), 0, len(starts) - 1)
+        points = np.where(np.abs(starts[nearest] - points) <= slack, starts[nearest], points)
+        length = self.configuration.length
+        return np.asarray(np.where(np.abs(points - length) <= slack, length, points))
+
+    def _step(self, s: Array, from_left: NDArray[np.bool_] | bool) -> NDArray[np.intp]:
+        left = np.broadcast_to(from_left, s.shape) | (s >= self.configuration.length)
+        starts, ends = self.mesh[:, 0], self.mesh[:, 1]
+        step = np.where(left, np.searchsorted(ends, s), np.searchsorted(starts, s, side="right") - 1)
+        return np.clip(step, 0, len(starts) - 1)
+
+    def preset(self, s: Array, from_left: NDArray[np.bool_] | bool = False) -> Array:
+        """Precurvature ``u*_i`` at ``s (k,)`` in the tubes' frames, ``(k, tubes, 3)``, 1/m."""
+        middle = self.mesh.mean(axis=1)[self._step(s, from_left)]
+        return self.configuration.nodes(np.column_stack((s, s)), np.ones(1), middle).precurvature[:, 0]
+
+    def at(self, s: Array, from_left: NDArray[np.bool_] | bool = False) -> Values:
+        """Values at ``s (k,)``: the limit from the right, from the left where asked and at ``length``."""
+        step = self._step(s, from_left)
+        starts, ends = self.mesh[:, 0], self.mesh[:, 1]
+        pieces, middle = np.column_stack((starts[step], s)), self.mesh.mean(axis=1)[step]
+        columns = self.functions.columns.pack(self.configuration, pieces, self.functions.integrator.nodes, middle)
+        _, before = self.functions.many(self.functions.step, self.nodes.right[:, step], columns)
+        states = np.where(s == starts[step], self.nodes.right[:, step], before)
+        states = np.where(s == ends[step], self.nodes.left[:, step], states)
+        local = StepColumns(self.configuration.tube_count, 1).pack(self.configuration, pieces, np.ones(1), middle)
+        bent, twisted, energy = self.functions.many(self.functions.local, states, local)
+        scales = self.configuration.scales
+        return Values(
+            State.split(states * self.unit[:, None], self.configuration.tube_count),
+            bent / scales.length,
+            twisted / scales.length,
+            energy[0] * scales.force,
+        )
+
+    @cached_property
+    def _integrals(self) -> tuple[float, float]:
+        """Elastic energy in ``[0, length]`` and work of the distributed forces, by Gauss quadrature over the steps."""
+        points, weights = np.polynomial.legendre.leggauss(_QUADRATURE)
+        half = 0.5 * np.diff(self.mesh)
+        s = self.mesh.mean(axis=1)[:, None] + half * points
+        values = self.at(s.ravel())
+        measure = (half * weights).ravel()
+        force = self.configuration.nodes(self.mesh, 0.5 * (points + 1.0)).force.reshape(-1, 3)
+        return float(measure @ values.energy), float(measure @ np.einsum("ij,ji->i", force, values.state.position))
+
+    @property
+    def elastic_energy(self) -> float:
+        """Of the tubes in ``[0, length]``, J."""
+        return self._integrals[0]
+
+    @property
+    def force_work(self) -> float:
+        """``sum F . p + integral of f . p``, J: the forces' work on the way from the world's origin."""
+        work = self._integrals[1]
+        if self.configuration.point_loads:
+            s = np.array([s for s, _, _ in self.configuration.point_loads])
+            forces = np.array([load.force for _, _, load in self.configuration.point_loads])
+            work += float(np.einsum("ij,ji->", forces, self.at(s).state.position))
+        return work

@@ -1,0 +1,67 @@
+"""The check of a shape by an integrator that knows nothing of the mesh: SciPy's adaptive DOP853."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..mechanics.sections import Configuration
+from ..mechanics.state import State
+from ..robot.checks import Array
+from .columns import StepColumns
+from .linear import newton_correction
+from .shooting import Shooting, shooting_functions
+
+_RELATIVE, _ABSOLUTE = 1e-11, 1e-13
+
+
+def integrate(configuration: Configuration, start: Array, points: Array) -> tuple[Array, Array]:
+    """From the dimensionless state behind ``s = 0`` to the tip: states from the left at ``points``, and behind the tip.
+
+    ``points`` must contain every break point but 0.
+    """
+    from scipy.integrate import solve_ivp
+
+    functions = shooting_functions(configuration.tube_count)
+    layout = StepColumns(configuration.tube_count, 1)
+    length = configuration.length
+    state, states = start, np.zeros((len(start), len(points)))
+    for a, b in zip(configuration.break_points, configuration.break_points[1:], strict=False):
+        inside = (points > a) & (points <= b)
+        rates = _rates(configuration, layout, float(a), float(b))
+        found = solve_ivp(
+            rates, (a / length, b / length), state, "DOP853", points[inside] / length, rtol=_RELATIVE, atol=_ABSOLUTE
+        )
+        if not found.success:
+            raise ArithmeticError(f"the integration stopped in [{a:g}, {b:g}] m: {found.message}")
+        states[:, inside] = found.y
+        end = layout.pack(configuration, np.array([[a, b]]), np.ones(1))
+        state = functions.point_jump(found.y[:, -1], end).full()[:, 0]
+    return states, state
+
+
+def _rates(configuration: Configuration, layout: StepColumns, start: float, end: float) -> Any:
+    """The right-hand side in one section, with its data taken at every ``s`` anew."""
+    function = shooting_functions(configuration.tube_count).rates
+    middle, length = np.array([0.5 * (start + end)]), configuration.length
+
+    def rates(s: float, state: Array) -> Array:
+        column = layout.pack(configuration, np.array([[start, s * length]]), np.ones(1), middle)
+        return np.asarray(function(state, column).full()[:, 0])
+
+    return rates
+
+
+def defect(shooting: Shooting, z: Array, positions: Array) -> float:
+    """Largest distance, dimensionless, between ``positions (3, k)`` at the mesh's step ends and the exact shape near ``z``.
+
+    The exact shape: integrated from ``z``, corrected by one Newton step with the residual the integrator finds.
+    """
+    configuration, points = shooting.configuration, shooting.mesh[:, 1]
+    parts = State.parts(configuration.tube_count)
+    states, tip = integrate(configuration, shooting.start(z), points)
+    residual = np.concatenate((tip[parts["bending"]], tip[parts["torsion"]]))
+    correction = newton_correction(shooting.linearize(z)[1], residual)
+    states, _ = integrate(configuration, shooting.start(z + correction), points)
+    return float(np.linalg.norm(states[parts["position"]] - positions, axis=0).max())
