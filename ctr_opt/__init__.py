@@ -12,6 +12,11 @@ from .errors import CtrOptError as CtrOptError
 from .errors import DefinitionError as DefinitionError
 from .errors import NestingWarning as NestingWarning
 from .errors import SolveError as SolveError
+from .files import Problem as Problem
+from .files import load_problem as load_problem
+from .files import load_robot as load_robot
+from .files import save_robot as save_robot
+from .files import save_shape as save_shape
 from .forward import ForwardProblem as ForwardProblem
 from .robot.actuation import Actuation as Actuation
 from .robot.loads import DistributedLoad as DistributedLoad

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import DefinitionError, SolveError
 from .mechanics.sections import Configuration
@@ -155,7 +158,10 @@ class Equilibrium:
 
     @property
     def discretization_error(self) -> float:
-        """Estimated position error, m, the largest along the backbone: twice the distance to a solve with half the steps' length."""
+        """Estimated position error, m, the largest along the backbone.
+
+        Twice the distance to a solve with half the steps' length, rounding included.
+        """
         return self._outcome.discretization_error
 
     @property
@@ -198,8 +204,7 @@ class Equilibrium:
         breaks = self._configuration.break_points
         spacing = self.length / _DISPLAY_STEPS
         parts = [
-            np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False)
-            for a, b in zip(breaks, breaks[1:], strict=False)
+            np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False) for a, b in pairwise(breaks)
         ]
         return np.concatenate((*parts, [self.length]))
 
@@ -215,84 +220,77 @@ class Equilibrium:
 
     def position(self, s: Any) -> Array:
         """Backbone position at ``s``, m, world frame."""
-        return self._evaluate(s, lambda values: values.state.position.T)
+        return self._vectors(s, lambda at: at.state.position.T)
 
     def pose(self, s: Any, tube: int | None = None) -> Array:
         """Material frame of a tube, 4 x 4, z along the backbone; ``None``: the innermost tube present at ``s``."""
-        if tube is not None:
-            tube = self._tube(tube)
+        i = None if tube is None else self._tube(tube)
 
-        def poses(values: Values, points: Array) -> Array:
-            tubes = np.full(len(points), tube) if tube is not None else self._innermost(points)
-            angles = values.state.angles[tubes, np.arange(len(points))]
-            result = np.tile(np.eye(4), (len(points), 1, 1))
-            result[:, :3, :3] = _rotations(values.state.orientation, angles)
-            result[:, :3, 3] = values.state.position.T
+        def poses(at: Values) -> Array:
+            tubes = self._innermost(at.arc_length) if i is None else np.full(len(at.arc_length), i)
+            angles = at.state.angles[tubes, np.arange(len(tubes))]
+            result = np.tile(np.eye(4), (len(tubes), 1, 1))
+            result[:, :3, :3] = _rotations(at.state.orientation, angles)
+            result[:, :3, 3] = at.state.position.T
             return result
 
-        return self._evaluate(s, poses, tube, with_points=True)
+        return self._vectors(s, poses, i)
 
     def curvature(self, s: Any) -> Array:
         """Backbone curvature ``(u_x, u_y, 0)``, 1/m, in the rotation-minimizing backbone frame."""
-        return self._evaluate(s, lambda values: np.pad(values.bent.T, ((0, 0), (0, 1))))
+        return self._vectors(s, lambda at: np.pad(at.bent.T, ((0, 0), (0, 1))))
 
     def torsion(self, tube: int, s: Any) -> Any:
         """``u_i,z`` of a tube, 1/m."""
         i = self._tube(tube)
-        return self._evaluate(s, lambda values: values.twisted[i], i)
+        return self._evaluate(s, lambda at: at.twisted[i], i)
 
     def tube_angle(self, tube: int, s: Any) -> Any:
         """``psi_i``, rad: the angle of a tube's material frame against the backbone frame."""
         i = self._tube(tube)
-        return self._evaluate(s, lambda values: values.state.angles[i], i)
+        return self._evaluate(s, lambda at: at.state.angles[i], i)
 
     def internal_force(self, s: Any) -> Array:
         """``n(s)``, N, world frame: what the material of ``[s, length]`` exerts on ``[0, s]``."""
-        return self._evaluate(s, lambda values: values.state.force.T)
+        return self._vectors(s, lambda at: at.state.force.T)
 
     def internal_moment(self, s: Any) -> Array:
         """``m(s)``, N m, world frame: what the material of ``[s, length]`` exerts on ``[0, s]``."""
 
-        def moments(values: Values) -> Array:
-            own = np.vstack((values.state.bending, values.state.torsion.sum(axis=0)))
-            frames = _rotations(values.state.orientation, np.zeros(own.shape[1]))
+        def moments(at: Values) -> Array:
+            own = np.vstack((at.state.bending, at.state.torsion.sum(axis=0)))
+            frames = _rotations(at.state.orientation, np.zeros(own.shape[1]))
             return np.asarray(np.einsum("kij,jk->ki", frames, own))
 
-        return self._evaluate(s, moments)
+        return self._vectors(s, moments)
 
     def tube_moment(self, tube: int, s: Any) -> Array:
         """Internal moment of one tube, N m, in its own material frame: ``K_i (u_i - u*_i)`` (paper, (3))."""
         i = self._tube(tube)
-
-        def moments(values: Values, points: Array) -> Array:
-            left = self._from_left(points, i)
-            psi = values.state.angles[i]
-            x = np.cos(psi) * values.bent[0] + np.sin(psi) * values.bent[1]
-            y = np.cos(psi) * values.bent[1] - np.sin(psi) * values.bent[0]
-            stiffness = self._configuration.bending_stiffness[i]
-            preset = self.shape.preset(points, left)[:, i]
-            return np.column_stack(
-                (stiffness * (x - preset[:, 0]), stiffness * (y - preset[:, 1]), values.state.torsion[i])
-            )
-
-        return self._evaluate(s, moments, i, with_points=True)
+        return self._vectors(s, lambda at: at.tube_moments[i].T, i)
 
     # -- energies ------------------------------------------------------------------------------------------------
 
     @cached_property
     def energy(self) -> float:
-        """Elastic energy, J: tubes in ``[0, length]``, transmissions twisted, and curved parts held straight behind the entry."""
+        """Elastic energy, J.
+
+        Of the tubes in ``[0, length]``, the transmissions' torsion, and curved parts held straight behind the entry.
+        """
         twisted = 0.5 * float(self._configuration.transmission_compliance @ self._base.torsional**2)
         return self.shape.elastic_energy + twisted + self._configuration.straightening_energy
 
     @cached_property
     def load_work(self) -> float:
-        """Work of the forces, ``sum F . p + integral of f . p``, J, on the way from the world's origin. Moments have no potential and are left out."""
+        """Work of the forces, J: ``sum F . p + integral of f . p``, from the world's origin on.
+
+        Applied moments have no potential and are left out.
+        """
         return self.shape.force_work
 
     @property
     def potential_energy(self) -> float:
-        """``energy - load_work``, J: what a stable equilibrium under forces minimizes. Does not account for applied moments."""
+        """``energy - load_work``, J: what a stable equilibrium under forces minimizes; without applied moments."""
         return self.energy - self.load_work
 
     def timed(self, setup_time: float, solve_time: float) -> Equilibrium:
@@ -339,35 +337,31 @@ class Equilibrium:
     def _tube(self, tube: int) -> int:
         return index(tube, "tube", self._configuration.tube_count)
 
-    def _innermost(self, s: Array) -> Any:
+    def _innermost(self, s: Array) -> NDArray[np.intp]:
         ends = self._configuration.tube_ends
         reaches = np.where(s[:, None] < self.length, s[:, None] < ends, ends >= self.length)
-        return np.argmax(reaches, axis=1)
+        return np.asarray(np.argmax(reaches, axis=1))
 
-    def _from_left(self, s: Array, tube: int | None) -> Any:
-        if tube is None:
-            return np.zeros(len(s), dtype=bool)
-        return s >= self._configuration.break_points[self._end_break(tube)]
+    def _vectors(self, s: Any, of: Callable[[Values], Array], tube: int | None = None) -> Array:
+        return np.asarray(self._evaluate(s, of, tube))
 
-    def _end_break(self, tube: int) -> int:
-        return int(np.argmin(np.abs(self._configuration.break_points - self._configuration.tube_ends[tube])))
-
-    def _evaluate(self, s: Any, of: Any, tube: int | None = None, *, with_points: bool = False) -> Any:
+    def _evaluate(self, s: Any, of: Callable[[Values], Array], tube: int | None = None) -> Any:
+        """``of`` the values at ``s``, within the robot or within a tube."""
         try:
             points = np.asarray(s, dtype=np.float64)
         except (TypeError, ValueError):
             raise DefinitionError(f"s = {s!r} must be a number or a one-dimensional array of numbers, in m") from None
         if points.ndim > 1:
             raise DefinitionError(f"s has shape {points.shape}, but must be a number or one-dimensional")
+        shape, flat = self.shape, np.atleast_1d(points)
         if tube is None:
-            most, what = self.length, "the robot"
+            flat = shape.inside(flat, self.length, "the robot")
+            values = shape.at(flat)
         else:
-            most = float(self._configuration.tube_ends[tube])
-            what = f"tube {tube} ({self.robot.tubes[tube].name!r})"
-        shape = self.shape
-        flat = shape.inside(np.atleast_1d(points), most, what)
-        values = shape.at(flat, self._from_left(flat, tube))
-        result = np.asarray(of(values, flat) if with_points else of(values))
+            end = float(self._configuration.tube_ends[tube])
+            flat = shape.inside(flat, end, f"tube {tube} ({self.robot.tubes[tube].name!r})")
+            values = shape.at(flat, from_left=flat >= shape.inside(np.array([end]), self.length, "the robot"))
+        result = np.asarray(of(values))
         if points.ndim == 0:
             return float(result[0]) if result.ndim == 1 else result[0]
         return result
@@ -377,7 +371,6 @@ def _rotations(quaternions: Array, angles: Array) -> Array:
     """``R(q) Rz(angle)``, ``(k, 3, 3)``, from quaternions ``(4, k)``."""
     from scipy.spatial.transform import Rotation
 
-    frames = Rotation.from_quat(quaternions.T, scalar_first=True) * Rotation.from_rotvec(
-        np.outer(angles, [0.0, 0.0, 1.0])
-    )
+    turns = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0]))
+    frames = Rotation.from_quat(np.roll(quaternions, -1, axis=0).T) * turns
     return np.asarray(frames.as_matrix())

@@ -127,6 +127,8 @@ class ForwardProblem:
 
         Parameters
         ----------
+        actuation, loads
+            As in :meth:`solve`.
         bending
             ``(2,)``, N m: total bending moment at ``s = 0`` in the backbone frame.
         torsional

@@ -292,7 +292,8 @@ class Run:
 
     def _inaccurate(self, z: Array, estimate: Estimate) -> _Failed:
         message = (
-            f"the estimated error {estimate.error:.2g} of the length stayed above the tolerance {self.settings.tolerance:g}"
+            f"the estimated error {estimate.error:.2g} of the length stayed above "
+            f"the tolerance {self.settings.tolerance:g}"
         )
         return _Failed(SolveStatus.INACCURATE, message, z)
 

@@ -26,7 +26,10 @@ class Entry(Generic[SymT]):
 
 
 def entry_state(bending: SymT, torsion: SymT, entry: Entry[SymT]) -> State[SymT]:
-    """The state at ``s = 0`` before any load acts there; behind it tubes only twist: ``psi_i = free + compliance tau_i``."""
+    """The state at ``s = 0`` before any load acts there.
+
+    Behind it tubes only twist: ``psi_i(0) = free_angle_i + compliance_i tau_i``.
+    """
     angles = entry.free_angles + entry.compliance * torsion
     return State(entry.position, entry.orientation, angles, bending, torsion, entry.force)
 

@@ -46,11 +46,10 @@ def curvature(state: State[SymT], local: Local[SymT]) -> tuple[SymT, SymT]:
     return bent, twisted
 
 
-def strain(psi: SymT, bent: SymT, twisted: SymT, preset: SymT) -> tuple[SymT, SymT]:
-    """``u_i`` of a tube turned by ``psi`` against the backbone frame (11), and ``u_i - u*_i``."""
+def strain(psi: SymT, bent: SymT, twisted: SymT, preset: SymT) -> SymT:
+    """``u_i - u*_i`` of a tube turned by ``psi`` against the backbone frame (11)."""
     x, y = turn(-psi, bent[0], bent[1])
-    own = ca.vertcat(x, y, twisted)
-    return own, own - preset
+    return ca.vertcat(x, y, twisted) - preset
 
 
 def kinematic_rates(orientation: SymT, bent: SymT) -> tuple[SymT, SymT]:
@@ -69,23 +68,25 @@ def rates(state: State[SymT], local: Local[SymT]) -> State[SymT]:
     axial = ca.sum1(state.torsion)
     bending = ca.vertcat(-bent[1] * axial + force[1], bent[0] * axial - force[0]) - ca.sum2(couples[:2, :])
     torsion = []
-    for i in range(local.tubes):
-        own, excess = strain(state.angles[i], bent, twisted[i], local.precurvature[:, i])
-        moment = constitutive.moment(excess, local.bending_stiffness[i], local.torsional_stiffness[i])
-        torsion.append(-(own[0] * moment[1] - own[1] * moment[0]) - couples[2, i])
+    for i, moment in enumerate(tube_moments(state.angles, bent, twisted, local)):
+        own_x, own_y = turn(-state.angles[i], bent[0], bent[1])
+        torsion.append(-(own_x * moment[1] - own_y * moment[0]) - couples[2, i])
     return State(position, orientation, twisted, bending, ca.vertcat(*torsion), -local.force)
 
 
-def energy_rate(state: State[SymT], local: Local[SymT]) -> SymT:
-    """Elastic energy per arc length of all tubes (paper, Appendix)."""
-    bent, twisted = curvature(state, local)
-    return elastic_density(state.angles, bent, twisted, local)
+def tube_moments(angles: SymT, bent: SymT, twisted: SymT, local: Local[SymT]) -> list[SymT]:
+    """Each tube's internal moment in its own frame, by the constitutive law (3)."""
+    moments = []
+    for i in range(local.tubes):
+        excess = strain(angles[i], bent, twisted[i], local.precurvature[:, i])
+        moments.append(constitutive.moment(excess, local.bending_stiffness[i], local.torsional_stiffness[i]))
+    return moments
 
 
 def elastic_density(angles: SymT, bent: SymT, twisted: SymT, local: Local[SymT]) -> SymT:
-    """Elastic energy per arc length at the given curvatures."""
+    """Elastic energy per arc length of all tubes at the given curvatures (paper, Appendix)."""
     total = 0 * bent[0]
     for i in range(local.tubes):
-        _, excess = strain(angles[i], bent, twisted[i], local.precurvature[:, i])
+        excess = strain(angles[i], bent, twisted[i], local.precurvature[:, i])
         total += constitutive.energy_density(excess, local.bending_stiffness[i], local.torsional_stiffness[i])
     return total

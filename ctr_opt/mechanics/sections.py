@@ -25,7 +25,10 @@ _FUNCTION_PARTS = 8  # an interval under a load given as a function is cut into 
 
 @attrs.frozen(eq=False)
 class Nodes:
-    """Data at ``(steps, nodes)`` points: ``precurvature (.., tubes, 3)``, ``force (.., 3)``, ``moment (.., tubes, 3)``."""
+    """Data at ``(steps, nodes)`` points.
+
+    ``precurvature (.., tubes, 3)``, total ``force (.., 3)`` and the tubes' ``moment (.., tubes, 3)``.
+    """
 
     precurvature: Array
     force: Array
@@ -147,7 +150,7 @@ class Configuration:
 
     def present(self, s: Array) -> NDArray[np.bool_]:
         """Which tubes exist at ``s (k,)`` (not a tube's end): ``(k, tubes)``."""
-        return np.asarray(s)[:, None] < self.tube_ends
+        return np.asarray(np.asarray(s)[:, None] < self.tube_ends)
 
     def mesh(self, refinement: int = 1, largest_turn: float = 1.0) -> Array:
         """Steps from 0 to ``length`` as rows ``(start, end)``: every section cut so that no step turns much.
@@ -232,7 +235,7 @@ class Configuration:
         return moved
 
     def jumps(self, points: Array) -> tuple[Array, Array]:
-        """Point forces ``(k, 3)`` and moments ``(k, tubes, 3)`` that act exactly at ``points (k,)``, nodes of a mesh."""
+        """Point forces ``(k, 3)`` and moments ``(k, tubes, 3)`` that act at ``points (k,)``, nodes of a mesh."""
         force = np.zeros((len(points), 3))
         moment = np.zeros((len(points), self.tube_count, 3))
         for s, tube, load in self.point_loads:
@@ -247,7 +250,8 @@ def _check_actuation(robot: Robot, actuation: Actuation) -> None:
         raise DefinitionError(f"actuation = {actuation!r} must be an Actuation")
     if len(actuation.rotations) != len(robot.tubes):
         raise DefinitionError(
-            f"the actuation has {len(actuation.rotations)} rotations and translations, but the robot has {len(robot.tubes)} tubes"
+            f"the actuation has {len(actuation.rotations)} rotations and translations, "
+            f"but the robot has {len(robot.tubes)} tubes"
         )
 
 
@@ -255,8 +259,8 @@ def _check_reach(robot: Robot, translations: Array, ends: Array) -> None:
     for k, (tube, translation, end) in enumerate(zip(robot.tubes, translations, ends, strict=True)):
         if end <= 0.0:
             raise DefinitionError(
-                f"tube {k} ({tube.name!r}): translations[{k}] = {translation:g} m draws it wholly behind the entry point: "
-                f"it must be above -{tube.length:g} m, the tube's length, and at most 0"
+                f"tube {k} ({tube.name!r}): translations[{k}] = {translation:g} m draws it wholly behind the entry "
+                f"point: it must be above -{tube.length:g} m, the tube's length, and at most 0"
             )
 
 

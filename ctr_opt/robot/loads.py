@@ -40,34 +40,49 @@ LoadFunction: TypeAlias = Callable[[float], Any]
 Density: TypeAlias = Array | LoadTable | LoadFunction
 
 
-def _vector(field: str, unit: str) -> Callable[[Any], Array]:
-    return lambda value: array(value, field, (3,), unit=unit)
+def _point_force(value: Any) -> Array:
+    return array(value, "force", (3,), unit="N")
 
 
-def _density(field: str, unit: str) -> Callable[[Any], Density]:
-    def convert(value: Any) -> Density:
-        if callable(value) or isinstance(value, LoadTable):
-            return value  # type: ignore[no-any-return]
-        if isinstance(value, (tuple, list)) and len(value) == 2:
-            s = array(value[0], f"{field}[0] (arc lengths)", (None,), unit="m")
-            table = array(value[1], f"{field}[1] (values)", (None, 3), unit=unit)
-            if len(s) < 2 or len(s) != len(table):
-                raise DefinitionError(
-                    f"{field}: a table needs at least 2 arc lengths and as many rows, got {len(s)} and {len(table)}"
-                )
-            if np.any(np.diff(s) <= 0.0):
-                k = int(np.argmax(np.diff(s) <= 0.0)) + 1
-                raise DefinitionError(
-                    f"{field}: arc length [{k}] = {s[k]:g} m must be above [{k - 1}] = {s[k - 1]:g} m"
-                )
-            return LoadTable(s, table)
-        return array(value, field, (3,), unit=unit)
-
-    return convert
+def _point_moment(value: Any) -> Array:
+    return array(value, "moment", (3,), unit="N m")
 
 
-def _arc_length(field: str) -> Callable[[Any], float | None]:
-    return lambda value: None if value is None else number(value, field, least=0.0, unit="m")
+def _force_density(value: Any) -> Density:
+    return _density(value, "force", "N/m")
+
+
+def _moment_density(value: Any) -> Density:
+    return _density(value, "moment", "N m/m")
+
+
+def _density(value: Any, field: str, unit: str) -> Density:
+    if callable(value) or isinstance(value, LoadTable):
+        return value  # type: ignore[no-any-return]
+    if isinstance(value, (tuple, list)) and len(value) == 2:
+        s = array(value[0], f"{field}[0] (arc lengths)", (None,), unit="m")
+        table = array(value[1], f"{field}[1] (values)", (None, 3), unit=unit)
+        if len(s) < 2 or len(s) != len(table):
+            raise DefinitionError(
+                f"{field}: a table needs at least 2 arc lengths and as many rows, got {len(s)} and {len(table)}"
+            )
+        if np.any(np.diff(s) <= 0.0):
+            k = int(np.argmax(np.diff(s) <= 0.0)) + 1
+            raise DefinitionError(f"{field}: arc length [{k}] = {s[k]:g} m must be above [{k - 1}] = {s[k - 1]:g} m")
+        return LoadTable(s, table)
+    return array(value, field, (3,), unit=unit)
+
+
+def _arc_length(value: Any) -> float | None:
+    return None if value is None else number(value, "arc_length", least=0.0, unit="m")
+
+
+def _start(value: Any) -> float:
+    return number(value, "start", least=0.0, unit="m")
+
+
+def _end(value: Any) -> float | None:
+    return None if value is None else number(value, "end", least=0.0, unit="m")
 
 
 def _tube(value: Any) -> int:
@@ -108,9 +123,9 @@ class PointWrench:
     0
     """
 
-    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_vector("force", "N"), eq=_ARRAY_EQ)
-    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_vector("moment", "N m"), eq=_ARRAY_EQ)
-    arc_length: float | None = attrs.field(default=None, converter=_arc_length("arc_length"))
+    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_force, eq=_ARRAY_EQ)
+    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_moment, eq=_ARRAY_EQ)
+    arc_length: float | None = attrs.field(default=None, converter=_arc_length)
     tube: int = attrs.field(default=0, converter=_tube)
     frame: str = attrs.field(default="world", converter=_frame)
 
@@ -147,10 +162,10 @@ class DistributedLoad:
     True
     """
 
-    force: Density = attrs.field(default=(0.0, 0.0, 0.0), converter=_density("force", "N/m"), eq=_DENSITY_EQ)
-    moment: Density = attrs.field(default=(0.0, 0.0, 0.0), converter=_density("moment", "N m/m"), eq=_DENSITY_EQ)
-    start: float = attrs.field(default=0.0, converter=lambda value: number(value, "start", least=0.0, unit="m"))
-    end: float | None = attrs.field(default=None, converter=_arc_length("end"))
+    force: Density = attrs.field(default=np.zeros(3), converter=_force_density, eq=_DENSITY_EQ)
+    moment: Density = attrs.field(default=np.zeros(3), converter=_moment_density, eq=_DENSITY_EQ)
+    start: float = attrs.field(default=0.0, converter=_start)
+    end: float | None = attrs.field(default=None, converter=_end)
     tube: int = attrs.field(default=0, converter=_tube)
     frame: str = attrs.field(default="world", converter=_frame)
 
@@ -170,7 +185,7 @@ class DistributedLoad:
         return attrs.evolve(self, force=_times(self.force, factor), moment=_times(self.moment, factor))
 
 
-def _times(density: Density, factor: float) -> Density:
+def _times(density: Any, factor: float) -> Any:
     if isinstance(density, LoadTable):
         return LoadTable(density.arc_length, factor * density.values)
     if callable(density):

@@ -34,6 +34,14 @@ def _coefficients(value: Any) -> Array:
     return rows
 
 
+def _sample_points(value: Any) -> Array:
+    return array(value, "arc_length", (None,), unit="m")
+
+
+def _samples(value: Any) -> Array:
+    return array(value, "curvature", (None, 3), unit="1/m")
+
+
 @attrs.frozen
 class Straight:
     """A straight piece of the given length (m).
@@ -119,10 +127,8 @@ class SampledCurvature:
     0.05
     """
 
-    arc_length: Array = attrs.field(eq=_ARRAY_EQ, converter=lambda value: array(value, "arc_length", (None,), unit="m"))
-    curvature: Array = attrs.field(
-        eq=_ARRAY_EQ, converter=lambda value: array(value, "curvature", (None, 3), unit="1/m")
-    )
+    arc_length: Array = attrs.field(eq=_ARRAY_EQ, converter=_sample_points)
+    curvature: Array = attrs.field(eq=_ARRAY_EQ, converter=_samples)
 
     def __attrs_post_init__(self) -> None:
         samples = len(self.arc_length)
@@ -134,7 +140,8 @@ class SampledCurvature:
         if np.any(steps <= 0.0):
             k = int(np.argmax(steps <= 0.0)) + 1
             raise DefinitionError(
-                f"arc_length[{k}] = {self.arc_length[k]:g} m must be above arc_length[{k - 1}] = {self.arc_length[k - 1]:g} m"
+                f"arc_length[{k}] = {self.arc_length[k]:g} m must be above arc_length[{k - 1}] = "
+                f"{self.arc_length[k - 1]:g} m"
             )
         if len(self.curvature) != samples:
             raise DefinitionError(f"curvature has {len(self.curvature)} rows, but arc_length has {samples} entries")

@@ -57,7 +57,7 @@ def trace(
     at: Callable[[float], System],
     z: Array,
     tolerance: float,
-    method: Homotopy = Homotopy(),  # noqa: B008 - frozen
+    method: Homotopy = Homotopy(),
 ) -> Trace:
     """Follow the solution of ``at(parameter)`` from ``z`` at 0 to 1."""
     start = newton(at(0.0), z, tolerance)

@@ -1,8 +1,11 @@
-"""IPOPT behind one class: built once for a program, solved for many parameters; what it says is believed only if checked."""
+"""IPOPT behind one class: built once for a program, solved for many parameters.
+
+What it says is believed only if the equations hold at the point it returns.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import casadi as ca
@@ -50,7 +53,7 @@ class IpoptSolver:
     def __init__(self, nlp: Nlp, method: Ipopt) -> None:
         self.nlp = nlp
         self._tolerance = method.tolerance
-        options = {
+        options: dict[str, Any] = {
             "print_time": False,
             "error_on_fail": False,
             "calc_lam_p": False,
@@ -63,7 +66,8 @@ class IpoptSolver:
                 "nlp_scaling_method": "none",
             },
         }
-        self._solver = ca.nlpsol("solver", "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}, options)
+        program: Any = {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}
+        self._solver = ca.nlpsol("solver", "ipopt", program, options)
         self._hessian: ca.Function | None = None
 
     def solve(self, x: Array, p: Array) -> IpoptPoint:
@@ -91,5 +95,5 @@ class IpoptSolver:
             lam = ca.MX.sym("lam", nlp.g.numel())
             hessian, _ = ca.hessian(nlp.f + ca.dot(lam, nlp.g), nlp.x)
             self._hessian = ca.Function("derivatives", [nlp.x, nlp.p, lam], [hessian, ca.jacobian(nlp.g, nlp.x)])
-        hessian, jacobian = self._hessian(point.x, p, point.multipliers)
-        return csc_matrix(hessian.sparse()), csc_matrix(jacobian.sparse())
+        second, first = self._hessian(point.x, p, point.multipliers)
+        return csc_matrix(second.sparse()), csc_matrix(first.sparse())

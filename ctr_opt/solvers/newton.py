@@ -64,7 +64,7 @@ class Solution:
         return size if np.isfinite(size) else np.inf
 
 
-def newton(system: System, z: Array, tolerance: float, method: Newton = Newton()) -> Solution:  # noqa: B008 - frozen
+def newton(system: System, z: Array, tolerance: float, method: Newton = Newton()) -> Solution:
     """Solve ``residual(z) = 0`` from ``z`` down to ``tolerance`` (largest entry)."""
     residual, jacobian = system.linearize(z)
     iterations = 0

@@ -16,7 +16,8 @@ class SolveStatus(Enum):
     GUESS = ("a guess, not solved", "pass it to solve() as `initial`")
     FOLD = (
         "the path from the start ended at a fold or a bifurcation",
-        "no equilibrium continues this branch: reduce the load or the curvature, or start from another equilibrium with `initial`",
+        "no equilibrium continues this branch: reduce the load or the curvature, "
+        "or start from another equilibrium with `initial`",
     )
     STALLED = (
         "the path from the start could not be continued",

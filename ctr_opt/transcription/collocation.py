@@ -21,8 +21,8 @@ from ..mechanics.sections import Configuration
 from ..mechanics.so3 import quaternion_rate
 from ..mechanics.state import State
 from ..robot.checks import Array
-from .nlp import Nlp, NlpBuilder
 from .columns import EntryColumn, StepColumns
+from .nlp import Nlp, NlpBuilder
 from .shape import Shape, Values
 from .shooting import Nodes, padded
 
@@ -42,7 +42,7 @@ def gauss_legendre(degree: int) -> tuple[Array, Array, Array]:
     powers = np.arange(degree)
     vandermonde = nodes[:, None] ** powers
     integrals = nodes[:, None] ** (powers + 1) / (powers + 1)
-    return nodes, 0.5 * weights, np.linalg.solve(vandermonde.T, integrals.T).T
+    return nodes, 0.5 * weights, np.asarray(np.linalg.solve(vandermonde.T, integrals.T).T, dtype=np.float64)
 
 
 class EnergyTranscription:

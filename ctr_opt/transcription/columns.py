@@ -44,7 +44,7 @@ class StepColumns:
     @property
     def size(self) -> int:
         """Entries of a column."""
-        return self.parts["point_moment"].stop
+        return int(self.parts["point_moment"].stop)
 
     def pack(self, configuration: Configuration, steps: Array, fractions: Array, middle: Array | None = None) -> Array:
         """Columns ``(size, k)`` for ``steps (k, 2)`` with data at ``fractions (nodes,)``; point loads act at step ends.
@@ -103,7 +103,7 @@ class StepColumns:
 
 @attrs.frozen
 class EntryColumn:
-    """Order of the data at the entry point: what :class:`~ctr_opt.mechanics.boundary.Entry` holds, and the point load there."""
+    """Order of the data at the entry point: those of ``mechanics.boundary.Entry``, and the point load there."""
 
     tubes: int
 
@@ -126,7 +126,7 @@ class EntryColumn:
     @property
     def size(self) -> int:
         """Entries of the column."""
-        return self.parts["point_moment"].stop
+        return int(self.parts["point_moment"].stop)
 
     def pack(self, configuration: Configuration, total_force: Array) -> Array:
         """The column ``(size,)``; ``total_force`` is that of all loads behind ``s = 0``, dimensionless."""

@@ -7,7 +7,7 @@ import numpy as np
 from ..robot.checks import Array
 
 NEGLIGIBLE = 1e-8
-"""Singular values below are directions in which nothing is determined; those of a straight, unloaded robot are about 1."""
+"""Singular values below are directions in which nothing is determined; a straight, unloaded robot's are about 1."""
 
 
 def newton_correction(jacobian: Array, residual: Array, negligible: float = NEGLIGIBLE) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import attrs
 import numpy as np
@@ -20,11 +21,17 @@ _QUADRATURE = 6  # Gauss points a step for energies: exact to the accuracy of th
 
 @attrs.frozen(eq=False)
 class Values:
-    """Everything at some arc lengths, SI, one column each: the state, ``u_xy``, ``u_i,z`` and the energy density."""
+    """Everything at some arc lengths, SI, one column each.
 
-    state: State[Array]
+    The state; ``u_xy (2, k)``; ``u_i,z (tubes, k)``; the tubes' moments in their own frames ``(tubes, 3, k)``; the
+    elastic energy density ``(k,)``.
+    """
+
+    arc_length: Array
+    state: State[Any]
     bent: Array
     twisted: Array
+    tube_moments: Array
     energy: Array
 
 
@@ -60,11 +67,6 @@ class Shape:
         step = np.where(left, np.searchsorted(ends, s), np.searchsorted(starts, s, side="right") - 1)
         return np.clip(step, 0, len(starts) - 1)
 
-    def preset(self, s: Array, from_left: NDArray[np.bool_] | bool = False) -> Array:
-        """Precurvature ``u*_i`` at ``s (k,)`` in the tubes' frames, ``(k, tubes, 3)``, 1/m."""
-        middle = self.mesh.mean(axis=1)[self._step(s, from_left)]
-        return self.configuration.nodes(np.column_stack((s, s)), np.ones(1), middle).precurvature[:, 0]
-
     def at(self, s: Array, from_left: NDArray[np.bool_] | bool = False) -> Values:
         """Values at ``s (k,)``: the limit from the right, from the left where asked and at ``length``."""
         step = self._step(s, from_left)
@@ -75,12 +77,14 @@ class Shape:
         states = np.where(s == starts[step], self.nodes.right[:, step], before)
         states = np.where(s == ends[step], self.nodes.left[:, step], states)
         local = StepColumns(self.configuration.tube_count, 1).pack(self.configuration, pieces, np.ones(1), middle)
-        bent, twisted, energy = self.functions.many(self.functions.local, states, local)
-        scales = self.configuration.scales
+        bent, twisted, moments, energy = self.functions.many(self.functions.local, states, local)
+        scales, tubes = self.configuration.scales, self.configuration.tube_count
         return Values(
-            State.split(states * self.unit[:, None], self.configuration.tube_count),
+            s,
+            State.split(states * self.unit[:, None], tubes),
             bent / scales.length,
             twisted / scales.length,
+            moments.reshape(tubes, 3, -1) * scales.moment,
             energy[0] * scales.force,
         )
 

@@ -66,7 +66,9 @@ class ShootingFunctions:
         local_column = ca.SX.sym("column", single.size)
         local = single.local(local_column, 0)
         bent, twisted = rod.curvature(state, local)
-        self.local = ca.Function("local", [x, local_column], [bent, twisted, rod.energy_rate(state, local)])
+        moments = ca.vertcat(*rod.tube_moments(state.angles, bent, twisted, local))
+        energy = rod.elastic_density(state.angles, bent, twisted, local)
+        self.local = ca.Function("local", [x, local_column], [bent, twisted, moments, energy])
         self.rates = ca.Function("rates", [x, local_column], [rod.rates(state, local).joined()])
         behind = boundary.jump(state, *single.point_load(local_column)).joined()
         self.point_jump = ca.Function("point_jump", [x, local_column], [behind])
@@ -126,7 +128,7 @@ def shooting_functions(tubes: int, integrator: str = "RK8") -> ShootingFunctions
 
 @attrs.frozen(eq=False)
 class Nodes:
-    """States at the ends of every step, dimensionless: ``right (size, k)`` where steps begin, ``left`` where they end."""
+    """Dimensionless states: ``right (size, k)`` where steps begin, ``left`` where they end, and behind the ``tip``."""
 
     right: Array
     left: Array

@@ -54,7 +54,7 @@ def _rates(configuration: Configuration, layout: StepColumns, start: float, end:
 
 
 def defect(shooting: Shooting, z: Array, positions: Array) -> float:
-    """Largest distance, dimensionless, between ``positions (3, k)`` at the mesh's step ends and the exact shape near ``z``.
+    """Largest dimensionless distance between ``positions (3, k)`` at the mesh's step ends and the exact shape.
 
     The exact shape: integrated from ``z``, corrected by one Newton step with the residual the integrator finds.
     """

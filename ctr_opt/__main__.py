@@ -1,0 +1,5 @@
+"""``python -m ctr_opt``."""
+
+from .cli import main
+
+main()

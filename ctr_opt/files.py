@@ -1,0 +1,367 @@
+"""Robots and problems in TOML files, with tables in CSV; contents are data and never executed."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import attrs
+import numpy as np
+
+from .equilibrium import Equilibrium
+from .errors import CtrOptError, DefinitionError
+from .forward import ForwardProblem
+from .robot.actuation import Actuation
+from .robot.checks import Array
+from .robot.loads import DistributedLoad, Load, PointWrench
+from .robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature, Straight
+from .robot.robot import Robot
+from .robot.tube import Tube
+
+_T = TypeVar("_T")
+FIGURES = (".png", ".pdf", ".svg")
+_TOLERANCES = {
+    "tip_position": "position_tolerance",
+    "tip_direction": "direction_tolerance",
+    "base_torsions": "torsion_tolerance",
+}
+
+
+@attrs.frozen
+class Problem:
+    """A problem read from a file: what to solve, where it comes from, what a right answer is.
+
+    Attributes
+    ----------
+    robot, actuation, loads, solver
+        What to solve; ``solver`` holds arguments of :class:`~ctr_opt.ForwardProblem`.
+    title, description, source, does_not_claim
+        What it is, where its numbers come from, what they do not claim.
+    expected
+        The right answer as far as known, by name, with tolerances.
+    """
+
+    path: Path
+    title: str
+    robot: Robot
+    actuation: Actuation
+    loads: tuple[Load, ...] = ()
+    solver: dict[str, Any] = attrs.field(factory=dict)
+    description: str = ""
+    source: str = ""
+    does_not_claim: str = ""
+    expected: dict[str, Any] = attrs.field(factory=dict)
+
+    def with_solver(self, arguments: dict[str, Any]) -> Problem:
+        """The problem with other arguments of :class:`~ctr_opt.ForwardProblem`."""
+        return attrs.evolve(self, solver={**self.solver, **arguments})
+
+    def solve(self, *, loaded: bool = True, throw: bool = True) -> Equilibrium:
+        """Solve it, or the same robot without its loads."""
+        forward = ForwardProblem(self.robot, **self.solver)
+        return forward.solve(self.actuation, self.loads if loaded else (), throw=throw)
+
+    def deviations(self, equilibrium: Equilibrium) -> dict[str, tuple[float, float]]:
+        """Largest deviation from each expected value, and the tolerance the file gives it."""
+        torsions = [equilibrium.torsion(i, 0.0) for i in range(len(self.robot.tubes))]
+        found = {
+            "tip_position": equilibrium.tip_position,
+            "tip_direction": equilibrium.tip_pose[:3, 2],
+            "base_torsions": np.array(torsions),
+        }
+        return {
+            name: (float(np.abs(found[name] - self.expected[name]).max()), float(self.expected[tolerance]))
+            for name, tolerance in _TOLERANCES.items()
+            if name in self.expected
+        }
+
+
+def load_robot(path: str | os.PathLike[str]) -> Robot:
+    """Read a robot file.
+
+    Parameters
+    ----------
+    path
+        A TOML file with ``[[tubes]]`` from the innermost to the outermost; quantities are numbers in SI or texts with
+        units (``"1.75 mm"``). CSV files it names are looked for beside it.
+
+    Raises
+    ------
+    DefinitionError
+        One sentence that names the file, the field, the value and what is allowed.
+
+    Examples
+    --------
+    >>> load_robot("problems/rjw_s1/robot.toml").tubes[0].name
+    'inner'
+    """
+    from .schemas import RobotSchema, load_checked
+
+    file = Path(path)
+    data = _at(file, "", lambda: load_checked(RobotSchema, _read_toml(file)))
+    tubes = [_tube(file, k, table) for k, table in enumerate(data["tubes"])]
+    pose = data.get("base", {}).get("pose")
+    return _at(file, "", lambda: Robot(tubes, pose))
+
+
+def save_robot(robot: Robot, path: str | os.PathLike[str]) -> None:
+    """Write a robot file, SI numbers in full precision; :func:`load_robot` reads the same robot back."""
+    import tomli_w
+
+    if not isinstance(robot, Robot):
+        raise DefinitionError(f"robot = {robot!r} must be a Robot")
+    tables = [_tube_table(tube) for tube in robot.tubes]
+    data: dict[str, Any] = {"base": {"pose": robot.base_pose.tolist()}, "tubes": tables}
+    write_atomically(Path(path), lambda file: file.write_bytes(tomli_w.dumps(data).encode()))
+
+
+def load_problem(path: str | os.PathLike[str]) -> Problem:
+    """Read a problem file: a robot file's name, actuation, loads, source and expected answer.
+
+    Raises
+    ------
+    DefinitionError
+        One sentence that names the file, the field, the value and what is allowed.
+
+    Examples
+    --------
+    >>> load_problem("problems/rjw_s1/fig9_loaded.toml").title
+    'RJW-S1, Fig. 9, loaded'
+    """
+    from .schemas import ProblemSchema, load_checked
+
+    file = Path(path)
+    data = _at(file, "", lambda: load_checked(ProblemSchema, _read_toml(file)))
+    robot = load_robot(file.parent / data["robot"])
+    actuation = _at(file, "actuation", lambda: Actuation(**data["actuation"]))
+    if len(actuation.rotations) != len(robot.tubes):
+        raise DefinitionError(
+            f"{file}: actuation.rotations has {len(actuation.rotations)} entries, "
+            f"but the robot has {len(robot.tubes)} tubes"
+        )
+    return Problem(
+        file,
+        data["title"],
+        robot,
+        actuation,
+        tuple(_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", []))),
+        data.get("solver", {}),
+        data.get("description", ""),
+        data["source"]["text"],
+        data["source"].get("does_not_claim", ""),
+        _expected(file, data.get("expected", {})),
+    )
+
+
+def check_file(path: str | os.PathLike[str]) -> str:
+    """Read a robot or problem file and say in a few lines what it holds.
+
+    Raises
+    ------
+    DefinitionError
+        As :func:`load_robot` and :func:`load_problem`.
+    """
+    from .mechanics.sections import Configuration
+    from .reports import robot_report
+
+    file = Path(path)
+    if "title" not in _read_toml(file):
+        return robot_report(load_robot(file))
+    problem = load_problem(file)
+    configuration = _at(file, "", lambda: Configuration(problem.robot, problem.actuation, problem.loads))
+    loads = f"{len(problem.loads)} load{'' if len(problem.loads) == 1 else 's'}"
+    return f"{robot_report(problem.robot)}\n{problem.title}: length {1e3 * configuration.length:.3f} mm, {loads}"
+
+
+def find_problems(folder: str | os.PathLike[str]) -> list[Path]:
+    """The problem files below a folder: TOML files with a ``title``, in order."""
+    root = Path(folder)
+    if not root.is_dir():
+        raise DefinitionError(f"{root} is no folder")
+    return [file for file in sorted(root.rglob("*.toml")) if "title" in _read_toml(file)]
+
+
+def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:
+    """Write the shape at :attr:`~ctr_opt.Equilibrium.arc_length` as ``.csv``, ``.npz`` or ``.json``; SI.
+
+    Past a tube's end its torsion and angle are empty (CSV), null (JSON) or NaN (npz).
+    """
+    from .shape_files import WRITERS
+
+    file = Path(path)
+    check_output(file)
+    write_atomically(file, lambda temporary: WRITERS[file.suffix](equilibrium, temporary))
+
+
+def check_output(path: Path, *, figure: bool = False) -> None:
+    """Refuse a place that cannot be written, before anything is solved."""
+    from .shape_files import WRITERS
+
+    allowed = FIGURES if figure else tuple(WRITERS)
+    if path.suffix not in allowed:
+        raise DefinitionError(f"{'figure' if figure else 'output'} = {str(path)!r} must end in {', '.join(allowed)}")
+    if not path.parent.is_dir():
+        raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
+
+
+def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let ``write`` fill a temporary file beside ``path`` and put it in place only when it is whole."""
+    if not path.parent.is_dir():
+        raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+    except OSError as error:
+        raise DefinitionError(f"{path} cannot be written: {error.strerror}") from None
+    os.close(handle)
+    try:
+        write(Path(name))
+        mode = path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask()
+        Path(name).chmod(mode)
+        Path(name).replace(path)
+    except OSError as error:
+        raise DefinitionError(f"{path} cannot be written: {error.strerror}") from None
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _read_toml(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise DefinitionError(f"{file} is no text in UTF-8, so no TOML file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise DefinitionError(f"{file} is no valid TOML, perhaps cut off: {error}") from None
+    except RecursionError:
+        raise DefinitionError(f"{file} is nested too deeply to be a robot or problem file") from None
+
+
+def _at(file: Path, place: str, build: Callable[[], _T]) -> _T:
+    """Build something; an error is told with the file and the place in it."""
+    try:
+        return build()
+    except CtrOptError as error:
+        text = str(error)
+        raise DefinitionError(text if text.startswith(str(file)) else f"{file}: {_joined(place, text)}") from None
+    except ValueError as error:
+        raise DefinitionError(f"{file}: {(place + str(error)).lstrip('.').strip()}") from None
+
+
+def _joined(place: str, text: str) -> str:
+    return f"{place}: {text}" if place else text
+
+
+def _tube(file: Path, k: int, table: dict[str, Any]) -> Tube:
+    place = f"tubes[{k}] ({table['name']!r})"
+    pieces = [_piece(file, f"{place}.precurvature[{j}]", piece) for j, piece in enumerate(table["precurvature"])]
+    return _at(file, f"tubes[{k}]", lambda: Tube(**{**table, "precurvature": pieces}))
+
+
+def _piece(file: Path, place: str, table: Any) -> PrecurvaturePiece:
+    from .schemas import PIECE_SCHEMAS, load_kind
+
+    kind, values = _at(file, place, lambda: load_kind(PIECE_SCHEMAS, table))
+    if kind == "sampled":
+        values = _at(file, place, lambda: _sampled(file, values))
+    kinds: dict[str, Callable[..., PrecurvaturePiece]] = {
+        "straight": Straight,
+        "arc": Arc,
+        "polynomial": PolynomialCurvature,
+        "sampled": SampledCurvature,
+    }
+    return _at(file, place, lambda: kinds[kind](**values))
+
+
+def _sampled(file: Path, values: dict[str, Any]) -> dict[str, Any]:
+    if "file" in values:
+        if len(values) > 1:
+            raise ValueError(".file is given beside lists: give one of them")
+        table = read_csv(file.parent / values["file"], 4)
+        return {"arc_length": table[:, 0], "curvature": table[:, 1:]}
+    for name in ("arc_length", "curvature"):
+        if name not in values:
+            raise ValueError(f".{name} is missing: give arc_length and curvature, or file")
+    return values
+
+
+def _load(file: Path, robot: Robot, k: int, table: Any) -> Load:
+    from .schemas import LOAD_SCHEMAS, load_kind
+
+    place = f"loads[{k}]"
+    kind, values = _at(file, place, lambda: load_kind(LOAD_SCHEMAS, table))
+    if "tube" in values:
+        values["tube"] = _at(file, place, lambda: _tube_index(robot, values["tube"]))
+    if "file" in values:
+        if "force" in values or "moment" in values:
+            raise DefinitionError(f"{file}: {place}.file is given beside force or moment: give one of them")
+        rows = read_csv(file.parent / values.pop("file"), 7)
+        values["force"], values["moment"] = (rows[:, 0], rows[:, 1:4]), (rows[:, 0], rows[:, 4:])
+    kinds: dict[str, Callable[..., Load]] = {"point": PointWrench, "distributed": DistributedLoad}
+    return _at(file, place, lambda: kinds[kind](**values))
+
+
+def _tube_index(robot: Robot, tube: Any) -> int:
+    names = [each.name for each in robot.tubes]
+    if isinstance(tube, str) and tube in names:
+        return names.index(tube)
+    if isinstance(tube, int) and not isinstance(tube, bool) and 0 <= tube < len(names):
+        return tube
+    raise ValueError(f".tube = {tube!r} must be a tube's name ({', '.join(names)}) or index (0 to {len(names) - 1})")
+
+
+def _expected(file: Path, values: dict[str, Any]) -> dict[str, Any]:
+    for name, tolerance in _TOLERANCES.items():
+        if name in values and tolerance not in values:
+            raise DefinitionError(f"{file}: expected.{name} is given without expected.{tolerance}")
+    return values
+
+
+def read_csv(file: Path, columns: int) -> Array:
+    """A table of numbers in SI, comma-separated, ``#`` before comments; ``(rows, columns)``."""
+    try:
+        rows = [line.split("#")[0].strip() for line in file.read_text("utf-8").splitlines()]
+    except OSError as error:
+        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise DefinitionError(f"{file} is no text in UTF-8, so no CSV file") from None
+    table = []
+    for number, row in enumerate(rows, start=1):
+        if not row:
+            continue
+        try:
+            entries = [float(entry) for entry in row.split(",")]
+        except ValueError:
+            raise DefinitionError(f"{file}: line {number}, {row!r}, must be {columns} numbers with commas") from None
+        if len(entries) != columns or not np.all(np.isfinite(entries)):
+            raise DefinitionError(f"{file}: line {number}, {row!r}, must be {columns} finite numbers with commas")
+        table.append(entries)
+    if not table:
+        raise DefinitionError(f"{file} holds no numbers, but must hold lines of {columns}")
+    return np.array(table)
+
+
+def _tube_table(tube: Tube) -> dict[str, Any]:
+    names = ("name", "outer_diameter", "inner_diameter", "youngs_modulus", "shear_modulus", "poisson_ratio", "density")
+    table = {name: getattr(tube, name) for name in names if getattr(tube, name) is not None}
+    return {**table, **tube.given_stiffnesses, "precurvature": [_piece_table(piece) for piece in tube.precurvature]}
+
+
+def _piece_table(piece: PrecurvaturePiece) -> dict[str, Any]:
+    if isinstance(piece, Straight):
+        return {"kind": "straight", "length": piece.length}
+    if isinstance(piece, Arc):
+        return {"kind": "arc", "length": piece.length, "curvature": piece.curvature.tolist()}
+    if isinstance(piece, PolynomialCurvature):
+        return {"kind": "polynomial", "length": piece.length, "coefficients": piece.coefficients.tolist()}
+    return {"kind": "sampled", "arc_length": piece.arc_length.tolist(), "curvature": piece.curvature.tolist()}

@@ -1,0 +1,356 @@
+"""Figures of an equilibrium: tubes and loads in space, curvatures and moments along the arc length.
+
+Drawn in mm, with a true aspect. matplotlib is imported inside the functions, pyplot only where a window is wanted.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import DefinitionError
+from .robot.checks import Array
+from .robot.loads import Density, LoadTable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .equilibrium import Equilibrium
+
+SUFFIXES = (".png", ".pdf", ".svg")
+
+_MM = 1e3
+_TUBE_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#7F6A3F")  # told apart by the colour-blind
+_FRAME_COLORS = ("#D62728", "#2CA02C", "#1F4FD6")
+_FORCE_COLOR, _MOMENT_COLOR = "#B2182B", "#6A3D9A"
+_UNLOADED_COLOR = "0.55"
+_COMPONENTS = ((None, "black", r"$\|u\|$"), (0, "#8C564B", "$u_x$"), (1, "#7F7F7F", "$u_y$"))
+_AROUND = 24  # facets around a tube
+_NARROWEST = 0.3  # a flat robot still gets a box so wide, of the longest side, or its ticks would overlap
+_DPI = 150
+
+
+def plot_equilibrium(
+    equilibrium: Equilibrium,
+    ax: Axes | None = None,
+    *,
+    color: Any = None,
+    alpha: float = 1.0,
+    label: str | None = None,
+    linestyle: str = "-",
+    tubes: bool = True,
+    loads: bool = True,
+    frames: bool = True,
+) -> Axes:
+    """Draw tubes, loads and frames of an equilibrium in space, in mm and with a true aspect.
+
+    Parameters
+    ----------
+    equilibrium
+        A converged equilibrium.
+    ax
+        Axes with ``projection="3d"``; a new figure by default. What is there stays, the limits grow.
+    color, alpha
+        One colour for all tubes instead of one each; opacity of the tubes.
+    label
+        Legend entry, with ``color`` or ``tubes=False``; otherwise put before each tube's name.
+    linestyle
+        Of the backbone, for ``tubes=False``.
+    tubes
+        Draw the tubes with their outer diameters; ``False``: the backbone as a line.
+    loads
+        Draw forces and moments as arrows with their magnitudes.
+    frames
+        Draw the frames of the innermost tube along the backbone (x red, y green, z blue), the tip's larger.
+
+    Returns
+    -------
+    Axes
+        The 3-D axes.
+
+    Raises
+    ------
+    DefinitionError
+        ``ax`` is not three-dimensional.
+    SolveError
+        The equilibrium did not converge.
+    """
+    axes: Any = _new_axes(equilibrium) if ax is None else ax
+    if getattr(axes, "name", "") != "3d":
+        raise DefinitionError(f"ax = {axes!r} must be three-dimensional: make it with projection='3d'")
+    # Concentric surfaces have the same mean depth: the order must come from us, the outer tube over the inner.
+    axes.computed_zorder = False
+    if tubes:
+        _draw_tubes(axes, equilibrium, color, alpha, label)
+    else:
+        line = _MM * equilibrium.position(equilibrium.arc_length)
+        axes.plot(*line.T, color=color or "black", alpha=alpha, ls=linestyle, lw=1.5, label=label or "backbone")
+    if frames:
+        _draw_frames(axes, equilibrium)
+    if loads:
+        _draw_loads(axes, equilibrium)
+    _finish(axes)
+    return axes  # type: ignore[no-any-return]
+
+
+def figure_equilibrium(loaded: Equilibrium, unloaded: Equilibrium | None = None) -> Figure:
+    """Shape, curvature, torsion and internal moments in one figure; the unloaded robot grey and dashed.
+
+    Parameters
+    ----------
+    loaded
+        The equilibrium to show.
+    unloaded
+        The same robot without loads, for comparison.
+
+    Returns
+    -------
+    Figure
+        Without pyplot, for :func:`save_figure`: 3-D axes and one panel each for the backbone's curvature (1/m, in
+        the rotation-minimizing frame), the torsion ``u_i,z`` (1/m) and each component of the tubes' internal
+        moments (N mm, in each tube's own frame).
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.0, 7.5), layout="constrained")
+    grid = figure.add_gridspec(5, 2, width_ratios=(1.15, 1.0))
+    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
+    _look_at(space, loaded)
+    if unloaded is not None:
+        plot_equilibrium(
+            unloaded, space, color=_UNLOADED_COLOR, alpha=0.35, label="unloaded", loads=False, frames=False
+        )
+    plot_equilibrium(loaded, space)
+    top = figure.add_subplot(grid[0, 1])
+    panels = [top, *(figure.add_subplot(grid[row, 1], sharex=top) for row in range(1, 5))]
+    if unloaded is not None:
+        _draw_panels(panels, unloaded, "--")
+    _draw_panels(panels, loaded, "-")
+    _label_panels(panels, loaded, unloaded is not None)
+    return figure
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write a figure, the whole file or nothing; the suffix says the format.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    path
+        Ends in ``.png`` (150 dpi), ``.pdf`` or ``.svg``, in a folder that exists. An existing file is replaced.
+
+    Raises
+    ------
+    DefinitionError
+        Another suffix, or no such folder.
+    """
+    target = Path(path)
+    suffix = target.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise DefinitionError(f"figure path = {str(target)!r} must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+    if not target.parent.is_dir():
+        raise DefinitionError(f"figure path = {str(target)!r}: there is no folder {str(target.parent)!r}")
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        figure.savefig(part, format=suffix[1:], dpi=_DPI)
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+# -- in space ----------------------------------------------------------------------------------------------------
+
+
+def _new_axes(equilibrium: Equilibrium) -> Any:
+    equilibrium.shape  # noqa: B018  a failed solve must raise before a window opens
+    from matplotlib import pyplot
+
+    axes: Any = pyplot.figure(figsize=(7.0, 7.0)).add_subplot(projection="3d")
+    _look_at(axes, equilibrium)
+    return axes
+
+
+def _look_at(axes: Any, equilibrium: Equilibrium) -> None:
+    """Turn the camera so that the robot bends across the picture."""
+    aside = (equilibrium.tip_position - equilibrium.position(0.0))[:2]
+    axes.view_init(elev=18.0, azim=float(np.degrees(np.arctan2(aside[1], aside[0]))) - 65.0)
+
+
+def _tube_color(tube: int) -> str:
+    return _TUBE_COLORS[tube % len(_TUBE_COLORS)]
+
+
+def _draw_tubes(axes: Any, equilibrium: Equilibrium, color: Any, alpha: float, label: str | None) -> None:
+    for i, tube in enumerate(equilibrium.robot.tubes):
+        end = float(equilibrium.configuration.tube_ends[i])
+        s = np.append(equilibrium.arc_length[equilibrium.arc_length < end], end)
+        poses = equilibrium.pose(s, i)
+        name = tube.name if label is None else label if color is not None else f"{label}: {tube.name}"
+        radii = np.full(len(s), 0.5 * tube.outer_diameter)
+        _draw_swept(axes, poses, radii, color=color or _tube_color(i), alpha=alpha, label=name, zorder=2 + 0.01 * i)
+
+
+def _draw_swept(axes: Any, poses: Array, radii: Array, **style: Any) -> None:
+    """A surface of circles of ``radii (k,)`` around the z axes of ``poses (k, 4, 4)``, m."""
+    angles = np.linspace(0.0, 2.0 * np.pi, _AROUND + 1)
+    ring = np.vstack((np.cos(angles), np.sin(angles)))
+    points = _MM * (poses[:, :3, 3:] + radii[:, None, None] * (poses[:, :3, :2] @ ring))
+    axes.plot_surface(*points.transpose(1, 0, 2), rstride=1, cstride=1, lw=0.0, antialiased=False, **style)
+
+
+def _draw_frames(axes: Any, equilibrium: Equilibrium) -> None:
+    for s in np.linspace(0.0, equilibrium.length, 6):
+        size = (0.1 if s == equilibrium.length else 0.05) * equilibrium.length
+        pose = equilibrium.pose(s)
+        for axis, color in enumerate(_FRAME_COLORS):
+            ends = _MM * np.vstack((pose[:3, 3], pose[:3, 3] + size * pose[:3, axis]))
+            axes.plot(*ends.T, color=color, lw=1.3, zorder=4)
+
+
+def _draw_loads(axes: Any, equilibrium: Equilibrium) -> None:
+    """Arrows that start at the backbone; the longest of each kind has the same length in every figure."""
+    points = equilibrium.configuration.point_loads
+    for kind, unit, color in (("force", "N", _FORCE_COLOR), ("moment", "N mm", _MOMENT_COLOR)):
+        values = np.array([getattr(load, kind) for _, _, load in points]).reshape(-1, 3)
+        at = np.array([equilibrium.position(s) for s, _, _ in points]).reshape(-1, 3)
+        sizes = np.linalg.norm(values, axis=1) * (1.0 if kind == "force" else _MM)
+        _draw_arrows(axes, equilibrium, at, values, 0.22, color, [f"{size:.3g} {unit}" for size in sizes])
+        for start, end, load in equilibrium.configuration.distributed_loads:
+            _draw_row(axes, equilibrium, (start, end), getattr(load, kind), kind, color)
+
+
+def _draw_row(
+    axes: Any, equilibrium: Equilibrium, interval: tuple[float, float], density: Density, kind: str, color: str
+) -> None:
+    count = max(4, round(24 * (interval[1] - interval[0]) / equilibrium.length))
+    s = np.linspace(*interval, count)
+    values = _density(density, s)
+    sizes = np.linalg.norm(values, axis=1)
+    labels = [""] * count
+    varies = bool(np.ptp(values, axis=0).any())
+    where = int(np.argmax(sizes)) if varies else count // 2
+    labels[where] = f"{'up to ' if varies else ''}{sizes.max():.3g} {'N/m' if kind == 'force' else 'N m/m'}"
+    _draw_arrows(axes, equilibrium, equilibrium.position(s), values, 0.09, color, labels)
+
+
+def _density(density: Density, s: Array) -> Array:
+    if isinstance(density, LoadTable):
+        return np.column_stack([np.interp(s, density.arc_length, row, 0.0, 0.0) for row in density.values.T])
+    if callable(density):
+        return np.array([np.asarray(density(float(x)), dtype=np.float64) for x in s])
+    return np.tile(density, (len(s), 1))
+
+
+def _draw_arrows(
+    axes: Any, equilibrium: Equilibrium, at: Array, values: Array, longest: float, color: str, labels: list[str]
+) -> None:
+    """Arrows ``values (k, 3)`` from ``at (k, 3)``, the largest ``longest`` robot lengths long."""
+    sizes = np.linalg.norm(values, axis=1)
+    for position, value, size, label in zip(at, values, sizes, labels, strict=True):
+        if size > 0.0:
+            length = longest * equilibrium.length * size / sizes.max()
+            _draw_arrow(axes, position, value / size, length, 0.02 * longest * equilibrium.length, color, label)
+
+
+def _draw_arrow(
+    axes: Any, start: Array, direction: Array, length: float, thickness: float, color: str, label: str
+) -> None:
+    from matplotlib.patheffects import withStroke
+
+    head = min(0.35 * length, 12.0 * thickness)
+    along = np.array([0.0, length - head, length - head, length])
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, :3, 2] = direction
+    poses[:, :3, 0] = _across(direction)
+    poses[:, :3, 1] = np.cross(direction, poses[0, :3, 0])
+    poses[:, :3, 3] = start + along[:, None] * direction
+    radii = np.array([thickness, thickness, 0.3 * head, 1e-3 * head])
+    _draw_swept(axes, poses, radii, color=color, zorder=3)
+    if label:
+        place = _MM * (start + (length + 4.0 * thickness) * direction)
+        halo = [withStroke(linewidth=2.5, foreground="white")]
+        axes.text(*place, label, color=color, ha="center", va="center", zorder=5, path_effects=halo)
+
+
+def _across(direction: Array) -> Array:
+    """A unit vector perpendicular to ``direction``."""
+    side = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
+    return np.asarray(side / np.linalg.norm(side))
+
+
+def _finish(axes: Any) -> None:
+    """Limits around everything drawn so far, a box in their proportions, labels and legend."""
+    from matplotlib.ticker import MaxNLocator
+
+    data = np.array([axes.xy_dataLim.intervalx, axes.xy_dataLim.intervaly, axes.zz_dataLim.intervalx])
+    sides = 1.04 * np.maximum(np.ptp(data, axis=1), _NARROWEST * np.ptp(data, axis=1).max())
+    limits = data.mean(axis=1)[:, None] + 0.5 * sides[:, None] * np.array([-1.0, 1.0])
+    axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2], xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    axes.set_box_aspect(sides)
+    for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(7 * side / sides.max()))))
+    handles, labels = axes.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    axes.legend(unique.values(), unique.keys(), loc="upper left")
+
+
+# -- along the arc length ----------------------------------------------------------------------------------------
+
+
+def _sampled(equilibrium: Equilibrium, end: float, of: Callable[[Array], Any]) -> tuple[Array, Array]:
+    """Arc lengths, mm, and values on ``[0, end]``: twice at each break point, the limits from the left and right."""
+    breaks = equilibrium.configuration.break_points
+    at, drawn = [], []
+    for a, b in zip(breaks, breaks[1:], strict=False):
+        if a < end:
+            s = np.linspace(a, b, 2 + int(200.0 * (b - a) / equilibrium.length))
+            drawn.append(s)
+            at.append(np.append(s[:-1], b - 1e-6 * (b - a)))
+    return _MM * np.concatenate(drawn), np.asarray(of(np.concatenate(at)))
+
+
+def _draw_panels(panels: list[Axes], equilibrium: Equilibrium, linestyle: str) -> None:
+    style: dict[str, Any] = {"ls": linestyle, "lw": 1.0 if linestyle == "--" else 1.6}
+    s, curvature = _sampled(equilibrium, equilibrium.length, equilibrium.curvature)
+    for component, color, _ in _COMPONENTS:
+        values = np.linalg.norm(curvature, axis=1) if component is None else curvature[:, component]
+        panels[0].plot(s, values, color=color, **style)
+    for i, end in enumerate(equilibrium.configuration.tube_ends):
+        s, torsion = _sampled(equilibrium, float(end), lambda at, i=i: equilibrium.torsion(i, at))  # type: ignore[misc]
+        panels[1].plot(s, torsion, color=_tube_color(i), **style)
+        s, moment = _sampled(equilibrium, float(end), lambda at, i=i: equilibrium.tube_moment(i, at))  # type: ignore[misc]
+        for panel, values in zip(panels[2:], moment.T, strict=True):
+            panel.plot(s, _MM * values, color=_tube_color(i), **style)
+
+
+def _label_panels(panels: list[Axes], equilibrium: Equilibrium, compared: bool) -> None:
+    from matplotlib.lines import Line2D
+
+    names = ("curvature\n[1/m]", "torsion $u_{i,z}$\n[1/m]", *(f"$m_{{i,{c}}}$\n[N mm]" for c in "xyz"))
+    for panel, name in zip(panels, names, strict=True):
+        panel.set_ylabel(name)
+        panel.margins(x=0.01, y=0.12)
+        panel.tick_params(labelbottom=panel is panels[-1])
+        _mark_sections(panel, equilibrium)
+    panels[0].figure.align_ylabels(panels)  # type: ignore[union-attr]
+    panels[-1].set_xlabel("arc length s [mm]")
+    entries = [Line2D([], [], color=color, label=label) for _, color, label in _COMPONENTS]
+    if compared:
+        entries += [Line2D([], [], color="0.3", ls=ls, label=of) for ls, of in (("-", "loaded"), ("--", "unloaded"))]
+    panels[0].legend(handles=entries, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+
+
+def _mark_sections(panel: Axes, equilibrium: Equilibrium) -> None:
+    """Thin lines where a precurvature steps (grey) and where a tube ends (its colour)."""
+    configuration = equilibrium.configuration
+    for i, tube in enumerate(equilibrium.robot.tubes):
+        ends = configuration.translations[i] + np.cumsum([piece.length for piece in tube.precurvature])
+        for s in ends[:-1][ends[:-1] > 0.0]:
+            panel.axvline(_MM * s, color="0.85", lw=0.8, zorder=0)
+        panel.axvline(_MM * ends[-1], color=_tube_color(i), lw=0.9, ls=":", zorder=0)

@@ -1,0 +1,258 @@
+"""What robot and problem files may contain, checked key by key before anything is built."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+from marshmallow import EXCLUDE, Schema, ValidationError, fields, pre_load, validate
+
+from .units import to_si
+
+
+class Quantity(fields.Field[Any]):
+    """A number in SI or a text with a unit; with ``shape``, nested lists of them (``None``: any size)."""
+
+    def __init__(self, unit: str, *shape: int | None, scalar_too: bool = False, **options: Any) -> None:
+        super().__init__(**options)
+        self.unit, self.shape, self.scalar_too = unit, shape, scalar_too
+
+    def _deserialize(self, value: Any, *_: Any, **__: Any) -> Any:
+        if self.scalar_too and not isinstance(value, list):
+            return self._convert(value, (), "")
+        return self._convert(value, self.shape, "")
+
+    def _convert(self, value: Any, shape: tuple[int | None, ...], where: str) -> Any:
+        if not shape:
+            try:
+                return to_si(value, self.unit)
+            except ValueError as error:
+                raise ValidationError(f"{where} = {value!r} {error}") from None
+        if not isinstance(value, list):
+            raise ValidationError(f"{where} = {value!r} must be a list{_of(shape[0])}")
+        if shape[0] is not None and len(value) != shape[0]:
+            raise ValidationError(f"{where} has {len(value)} entries, but must have {shape[0]}")
+        return [self._convert(entry, shape[1:], f"{where}[{k}]") for k, entry in enumerate(value)]
+
+
+class Strict(Schema):
+    """A table in which every key is known; an unknown one is answered with the nearest right one."""
+
+    class Meta:
+        """Unknown keys are refused by :meth:`refuse_unknown`."""
+
+        unknown = EXCLUDE
+
+    @pre_load
+    def refuse_unknown(self, data: Any, **_: Any) -> Any:
+        """Refuse what is no table, and keys that no field has."""
+        if not isinstance(data, dict):
+            raise ValidationError({"": [f" = {data!r} must be a table of keys and values"]})
+        known = [field.data_key or name for name, field in self.fields.items()]
+        for key in data:
+            if key not in known:
+                near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+                hint = f"did you mean {near[0]!r}?" if near else f"allowed are {', '.join(known)}"
+                raise ValidationError({key: [f" is no key here; {hint}"]})
+        return data
+
+
+def _of(size: int | None) -> str:
+    return "" if size is None else f" of {size}"
+
+
+def _text(**options: Any) -> fields.String:
+    return fields.String(error_messages={"invalid": " must be a text"}, **options)
+
+
+class StraightSchema(Strict):
+    """``kind = "straight"``."""
+
+    kind = _text()
+    length = Quantity("m", required=True)
+
+
+class ArcSchema(Strict):
+    """``kind = "arc"``."""
+
+    kind = _text()
+    length = Quantity("m", required=True)
+    curvature = Quantity("1/m", 3, scalar_too=True, required=True)
+
+
+class PolynomialSchema(Strict):
+    """``kind = "polynomial"``."""
+
+    kind = _text()
+    length = Quantity("m", required=True)
+    coefficients = Quantity("1/m", None, 3, required=True)
+
+
+class SampledSchema(Strict):
+    """``kind = "sampled"``: lists, or a CSV file of ``s, u_x, u_y, u_z`` in SI."""
+
+    kind = _text()
+    file = _text()
+    arc_length = Quantity("m", None)
+    curvature = Quantity("1/m", None, 3)
+
+
+class TubeSchema(Strict):
+    """``[[tubes]]``."""
+
+    name = _text(required=True)
+    outer_diameter = Quantity("m", required=True)
+    inner_diameter = Quantity("m", required=True)
+    youngs_modulus = Quantity("Pa")
+    shear_modulus = Quantity("Pa")
+    poisson_ratio = fields.Raw()
+    density = Quantity("kg/m^3")
+    bending_stiffness = Quantity("N*m^2")
+    torsional_stiffness = Quantity("N*m^2")
+    precurvature = fields.List(
+        fields.Raw(), required=True, error_messages={"invalid": " must be a list of pieces, like [{kind = 'arc', ...}]"}
+    )
+
+
+class BaseSchema(Strict):
+    """``[base]``: the pose of the entry point."""
+
+    pose = fields.Raw(required=True)
+
+
+class SourceSchema(Strict):
+    """``[source]``: where the numbers come from and what they do not claim."""
+
+    text = _text(required=True)
+    does_not_claim = _text()
+
+
+class RobotSchema(Strict):
+    """A robot file."""
+
+    name = _text()
+    source = fields.Nested(SourceSchema)
+    base = fields.Nested(BaseSchema)
+    tubes = fields.List(
+        fields.Nested(TubeSchema),
+        required=True,
+        validate=validate.Length(min=1, error=" needs at least one tube"),
+        error_messages={"invalid": " must be tables [[tubes]], the innermost first"},
+    )
+
+
+class ActuationSchema(Strict):
+    """``[actuation]``."""
+
+    rotations = Quantity("rad", None, required=True)
+    translations = Quantity("m", None, required=True)
+
+
+class PointSchema(Strict):
+    """``kind = "point"``."""
+
+    kind = _text()
+    force = Quantity("N", 3)
+    moment = Quantity("N*m", 3)
+    arc_length = Quantity("m")
+    tube = fields.Raw()
+    frame = _text()
+
+
+class DistributedSchema(Strict):
+    """``kind = "distributed"``: constant values, or a CSV file of ``s, f_x, f_y, f_z, l_x, l_y, l_z`` in SI."""
+
+    kind = _text()
+    force = Quantity("N/m", 3)
+    moment = Quantity("N*m/m", 3)
+    file = _text()
+    start = Quantity("m")
+    end = Quantity("m")
+    tube = fields.Raw()
+    frame = _text()
+
+
+class SolverSchema(Strict):
+    """``[solver]``: arguments of ``ForwardProblem``."""
+
+    formulation = _text()
+    tolerance = fields.Raw()
+    integrator = _text()
+
+
+class ExpectedSchema(Strict):
+    """``[expected]``: what a right answer is, and to which tolerance."""
+
+    text = _text(required=True)
+    tip_position = Quantity("m", 3)
+    position_tolerance = Quantity("m")
+    tip_direction = fields.Raw()
+    direction_tolerance = fields.Raw()
+    base_torsions = Quantity("1/m", None)
+    torsion_tolerance = Quantity("1/m")
+
+
+class ProblemSchema(Strict):
+    """A problem file."""
+
+    title = _text(required=True)
+    description = _text()
+    robot = _text(required=True)
+    source = fields.Nested(SourceSchema, required=True)
+    actuation = fields.Nested(ActuationSchema, required=True)
+    load_tables = fields.List(fields.Raw(), data_key="loads", error_messages={"invalid": " must be tables [[loads]]"})
+    solver = fields.Nested(SolverSchema)
+    expected = fields.Nested(ExpectedSchema)
+
+
+PIECE_SCHEMAS = {
+    "straight": StraightSchema,
+    "arc": ArcSchema,
+    "polynomial": PolynomialSchema,
+    "sampled": SampledSchema,
+}
+LOAD_SCHEMAS = {"point": PointSchema, "distributed": DistributedSchema}
+
+
+def load_checked(schema: type[Schema], data: Any) -> dict[str, Any]:
+    """The data of a table, in SI; ``ValueError`` with the place and what is wrong in one sentence."""
+    try:
+        return dict(schema().load(data))
+    except ValidationError as error:
+        raise ValueError(_first(error.messages, data)) from None
+
+
+def load_kind(schemas: Mapping[str, type[Schema]], data: Any) -> tuple[str, dict[str, Any]]:
+    """The same for a table whose ``kind`` names its schema."""
+    if not isinstance(data, dict):
+        raise ValueError(f" = {data!r} must be a table with a kind")
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in schemas:
+        near = difflib.get_close_matches(str(kind), schemas, n=1, cutoff=0.5)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise ValueError(f".kind = {kind!r} must be one of {', '.join(schemas)}{hint}")
+    values = load_checked(schemas[kind], data)
+    values.pop("kind", None)
+    return kind, values
+
+
+def _first(messages: Any, data: Any, place: str = "") -> str:
+    """The first message in the tree, behind its place."""
+    if isinstance(messages, str):
+        return place + messages
+    if isinstance(messages, list):
+        text = str(messages[0])
+        return f"{place} is missing" if text == "Missing data for required field." else place + _spaced(text)
+    key, inner = next(iter(messages.items()))
+    below = data.get(key) if isinstance(data, dict) else data[key] if isinstance(key, int) else None
+    if isinstance(key, int):
+        name = below.get("name") if isinstance(below, dict) else None
+        step = f"[{key}]" + (f" ({name!r})" if isinstance(name, str) else "")
+    else:
+        step = f".{key}" if key and key != "_schema" else ""
+    return _first(inner, below, place + step)
+
+
+def _spaced(text: str) -> str:
+    return text if text[:1] in (" ", "[", ".") else ": " + text

@@ -1,0 +1,107 @@
+"""Numbers with units as text, ``"1.75 mm"``, in files; a bare number is SI."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pint
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S.*)?")
+_UNIT = re.compile(r"[A-Za-zµμ°0-9 */^().+-]{1,40}")
+_COMMON = (
+    "m",
+    "mm",
+    "cm",
+    "um",
+    "rad",
+    "deg",
+    "mrad",
+    "N",
+    "mN",
+    "Pa",
+    "MPa",
+    "GPa",
+    "N*m",
+    "N*mm",
+    "mN*m",
+    "N/m",
+    "N/mm",
+)
+_KINDS = {
+    "m": "a length, like '1.75 mm'",
+    "rad": "an angle, like '30 deg'",
+    "N": "a force, like '0.98 N'",
+    "N*m": "a moment, like '5 N*mm'",
+    "N/m": "a force per length, like '2 N/m'",
+    "N*m/m": "a moment per length, like '0.1 N*m/m'",
+    "1/m": "a curvature, like '12 1/m'",
+    "Pa": "a modulus, like '58 GPa'",
+    "kg/m^3": "a density, like '6450 kg/m^3'",
+    "N*m^2": "a stiffness, like '0.02 N*m^2'",
+}
+
+
+def to_si(value: Any, unit: str) -> float:
+    """``value``, a number in SI or a text with a unit, in ``unit``.
+
+    Raises ``ValueError`` with what is wrong in half a sentence.
+
+    >>> to_si("1.75 mm", "m"), to_si(2, "m")
+    (0.00175, 2.0)
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise ValueError(f"must be {_KINDS[unit]}, or a number in {unit}")
+    if not isinstance(value, str):
+        return _finite(value, unit)
+    match = _NUMBER.fullmatch(value)
+    if match is None:
+        raise ValueError(f"must be {_KINDS[unit]}, or a number in {unit}")
+    number, text = float(match[1]), match[2]
+    if text is None:
+        return _finite(number, unit)
+    return _finite(number * _factor(text.strip(), unit), unit)
+
+
+def _finite(value: float, unit: str) -> float:
+    if not abs(value) < 1e100:
+        raise ValueError(f"must be a finite number in {unit}")
+    return float(value)
+
+
+@cache
+def _registry() -> pint.UnitRegistry[Any]:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+@cache
+def _factor(text: str, unit: str) -> float:
+    import pint
+
+    if not _UNIT.fullmatch(text):
+        raise ValueError(f"has no unit that is known: {text!r}{_nearest(text)}")
+    registry = _registry()
+    try:
+        given = registry.parse_units(text)
+        factor = float(registry.Quantity(1.0, given).to(unit).magnitude)
+    except pint.DimensionalityError:
+        raise ValueError(f"must be {_KINDS[unit]}, but {text!r} is none of its units") from None
+    except Exception:
+        raise ValueError(f"has no unit that is known: {text!r}{_nearest(text)}") from None
+    if unit == "rad" and given.dimensionless and not {"radian", "degree"} & {str(u) for u in _roots(given)}:
+        raise ValueError(f"must be {_KINDS[unit]}, but {text!r} is none of its units")
+    return factor
+
+
+def _roots(unit: Any) -> list[str]:
+    return [name.removeprefix("milli").removeprefix("micro") for name in unit._units]
+
+
+def _nearest(text: str) -> str:
+    near = difflib.get_close_matches(text, _COMMON, n=1, cutoff=0.3)
+    return f" (did you mean {near[0]!r}?)" if near else ""
