@@ -56,11 +56,14 @@ def solve(
     verify: bool,
 ) -> None:
     """Solve a problem file and print a report."""
-    from .files import check_output, load_problem, save_shape
+    from .files import load_problem, save_shape
+    from .plotting import FIGURES, figure_equilibrium, save_figure
+    from .shape_files import WRITERS
+    from .writing import check_output
 
-    for path in (output, figure):
+    for path, suffixes in ((output, tuple(WRITERS)), (figure, FIGURES)):
         if path is not None:
-            check_output(path, figure=path is figure)
+            check_output(path, suffixes)
     told = {"formulation": formulation, "tolerance": tolerance}
     given = load_problem(problem).with_solver({name: value for name, value in told.items() if value is not None})
     result = given.solve()
@@ -75,8 +78,6 @@ def solve(
         save_shape(result, output)
         click.echo(f"shape written to {output}")
     if figure is not None:
-        from .plotting import figure_equilibrium, save_figure
-
         unloaded = given.solve(loaded=False) if given.loads else None
         save_figure(figure_equilibrium(result, unloaded), figure)
         click.echo(f"figure written to {figure}")

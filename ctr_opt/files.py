@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -21,9 +20,9 @@ from .robot.loads import DistributedLoad, Load, PointWrench
 from .robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature, Straight
 from .robot.robot import Robot
 from .robot.tube import Tube
+from .writing import check_output, write_atomically
 
 _T = TypeVar("_T")
-FIGURES = (".png", ".pdf", ".svg")
 _TOLERANCES = {
     "tip_position": "position_tolerance",
     "tip_direction": "direction_tolerance",
@@ -193,45 +192,8 @@ def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:
     from .shape_files import WRITERS
 
     file = Path(path)
-    check_output(file)
+    check_output(file, tuple(WRITERS))
     write_atomically(file, lambda temporary: WRITERS[file.suffix](equilibrium, temporary))
-
-
-def check_output(path: Path, *, figure: bool = False) -> None:
-    """Refuse a place that cannot be written, before anything is solved."""
-    from .shape_files import WRITERS
-
-    allowed = FIGURES if figure else tuple(WRITERS)
-    if path.suffix not in allowed:
-        raise DefinitionError(f"{'figure' if figure else 'output'} = {str(path)!r} must end in {', '.join(allowed)}")
-    if not path.parent.is_dir():
-        raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
-
-
-def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let ``write`` fill a temporary file beside ``path`` and put it in place only when it is whole."""
-    if not path.parent.is_dir():
-        raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
-    except OSError as error:
-        raise DefinitionError(f"{path} cannot be written: {error.strerror}") from None
-    os.close(handle)
-    try:
-        write(Path(name))
-        mode = path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask()
-        Path(name).chmod(mode)
-        Path(name).replace(path)
-    except OSError as error:
-        raise DefinitionError(f"{path} cannot be written: {error.strerror}") from None
-    finally:
-        Path(name).unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _read_toml(file: Path) -> dict[str, Any]:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,7 @@ import numpy as np
 from .errors import DefinitionError
 from .robot.checks import Array
 from .robot.loads import Density, LoadTable
+from .writing import check_output, write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,17 +25,21 @@ if TYPE_CHECKING:
 
     from .equilibrium import Equilibrium
 
-SUFFIXES = (".png", ".pdf", ".svg")
+FIGURES = (".png", ".pdf", ".svg")
 
 _MM = 1e3
 _TUBE_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#7F6A3F")  # told apart by the colour-blind
 _FRAME_COLORS = ("#D62728", "#2CA02C", "#1F4FD6")
 _FORCE_COLOR, _MOMENT_COLOR = "#B2182B", "#6A3D9A"
-_UNLOADED_COLOR = "0.55"
+_UNLOADED_COLOR = "0.7"
 _COMPONENTS = ((None, "black", r"$\|u\|$"), (0, "#8C564B", "$u_x$"), (1, "#7F7F7F", "$u_y$"))
+_ELEVATION = 20.0  # of the camera, degrees
+_CLOSE = 1e-9  # of the robot's length: closer points are one in a picture
+_NOTHING = 1e-4  # of a panel's natural unit: it spans at least so much, or would show rounding errors of zero
 _AROUND = 24  # facets around a tube
-_NARROWEST = 0.3  # a flat robot still gets a box so wide, of the longest side, or its ticks would overlap
+_NARROWEST = 0.35  # a flat robot still gets a box so wide, of the longest side, or its ticks would overlap
 _DPI = 150
+_ABOVE: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 5, "frameon": False}
 
 
 def plot_equilibrium(
@@ -122,9 +129,7 @@ def figure_equilibrium(loaded: Equilibrium, unloaded: Equilibrium | None = None)
     space: Any = figure.add_subplot(grid[:, 0], projection="3d")
     _look_at(space, loaded)
     if unloaded is not None:
-        plot_equilibrium(
-            unloaded, space, color=_UNLOADED_COLOR, alpha=0.35, label="unloaded", loads=False, frames=False
-        )
+        plot_equilibrium(unloaded, space, color=_UNLOADED_COLOR, alpha=0.5, label="unloaded", loads=False, frames=False)
     plot_equilibrium(loaded, space)
     top = figure.add_subplot(grid[0, 1])
     panels = [top, *(figure.add_subplot(grid[row, 1], sharex=top) for row in range(1, 5))]
@@ -151,17 +156,8 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
         Another suffix, or no such folder.
     """
     target = Path(path)
-    suffix = target.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise DefinitionError(f"figure path = {str(target)!r} must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
-    if not target.parent.is_dir():
-        raise DefinitionError(f"figure path = {str(target)!r}: there is no folder {str(target.parent)!r}")
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        figure.savefig(part, format=suffix[1:], dpi=_DPI)
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
+    check_output(target, FIGURES)
+    write_atomically(target, lambda part: figure.savefig(part, format=target.suffix[1:], dpi=_DPI))
 
 
 # -- in space ----------------------------------------------------------------------------------------------------
@@ -171,15 +167,23 @@ def _new_axes(equilibrium: Equilibrium) -> Any:
     equilibrium.shape  # noqa: B018  a failed solve must raise before a window opens
     from matplotlib import pyplot
 
-    axes: Any = pyplot.figure(figsize=(7.0, 7.0)).add_subplot(projection="3d")
+    axes: Any = pyplot.figure(figsize=(7.0, 7.0), layout="constrained").add_subplot(projection="3d")
     _look_at(axes, equilibrium)
     return axes
 
 
 def _look_at(axes: Any, equilibrium: Equilibrium) -> None:
-    """Turn the camera so that the robot bends across the picture."""
-    aside = (equilibrium.tip_position - equilibrium.position(0.0))[:2]
-    axes.view_init(elev=18.0, azim=float(np.degrees(np.arctan2(aside[1], aside[0]))) - 65.0)
+    """Turn the camera so that neither the robot's bend nor a point force is seen end-on, nor a side of the box."""
+    bend = (equilibrium.tip_position - equilibrium.position(0.0)) * [1.0, 1.0, 0.0]
+    shown = np.array([bend, *(load.force for _, _, load in equilibrium.configuration.point_loads)])
+    sizes = np.linalg.norm(shown, axis=1)
+    shown = shown[sizes > 0.0] / sizes[sizes > 0.0, None]
+    azimuths = np.array([-60.0, -30.0, 30.0, 60.0, 120.0, 150.0, 210.0, 240.0])
+    around, up = np.radians(azimuths), np.full(8, np.radians(_ELEVATION))
+    sight = np.column_stack((np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)))
+    worst = np.abs(sight @ shown.T).max(axis=1, initial=0.0)
+    axes.view_init(elev=_ELEVATION, azim=float(azimuths[np.argmin(worst)]))
+    axes.set_proj_type("ortho")
 
 
 def _tube_color(tube: int) -> str:
@@ -189,15 +193,20 @@ def _tube_color(tube: int) -> str:
 def _draw_tubes(axes: Any, equilibrium: Equilibrium, color: Any, alpha: float, label: str | None) -> None:
     for i, tube in enumerate(equilibrium.robot.tubes):
         end = float(equilibrium.configuration.tube_ends[i])
-        s = np.append(equilibrium.arc_length[equilibrium.arc_length < end], end)
+        s = np.append(equilibrium.arc_length[equilibrium.arc_length < end - _CLOSE * equilibrium.length], end)
         poses = equilibrium.pose(s, i)
         name = tube.name if label is None else label if color is not None else f"{label}: {tube.name}"
-        radii = np.full(len(s), 0.5 * tube.outer_diameter)
-        _draw_swept(axes, poses, radii, color=color or _tube_color(i), alpha=alpha, label=name, zorder=2 + 0.01 * i)
+        style: dict[str, Any] = {"color": color or _tube_color(i), "alpha": alpha, "zorder": 2.0 + 0.01 * i}
+        _draw_swept(axes, poses, np.full(len(s), 0.5 * tube.outer_diameter), **style)
+        # The line inside keeps a tube visible that is thinner than a pixel, and is the legend's entry.
+        axes.plot(*_MM * poses[:, :3, 3].T, lw=1.0, label=name, **(style | {"zorder": style["zorder"] - 0.005}))
 
 
 def _draw_swept(axes: Any, poses: Array, radii: Array, **style: Any) -> None:
-    """A surface of circles of ``radii (k,)`` around the z axes of ``poses (k, 4, 4)``, m."""
+    """Circles of ``radii (k,)`` around the z axes of ``poses (k, 4, 4)``, m, lit from beside the viewer."""
+    from matplotlib.colors import LightSource
+
+    style["lightsource"] = LightSource(azdeg=90.0 - axes.azim + 30.0, altdeg=30.0)  # counts from north, clockwise
     angles = np.linspace(0.0, 2.0 * np.pi, _AROUND + 1)
     ring = np.vstack((np.cos(angles), np.sin(angles)))
     points = _MM * (poses[:, :3, 3:] + radii[:, None, None] * (poses[:, :3, :2] @ ring))
@@ -206,11 +215,11 @@ def _draw_swept(axes: Any, poses: Array, radii: Array, **style: Any) -> None:
 
 def _draw_frames(axes: Any, equilibrium: Equilibrium) -> None:
     for s in np.linspace(0.0, equilibrium.length, 6):
-        size = (0.1 if s == equilibrium.length else 0.05) * equilibrium.length
+        size = (0.08 if s == equilibrium.length else 0.04) * equilibrium.length
         pose = equilibrium.pose(s)
         for axis, color in enumerate(_FRAME_COLORS):
             ends = _MM * np.vstack((pose[:3, 3], pose[:3, 3] + size * pose[:3, axis]))
-            axes.plot(*ends.T, color=color, lw=1.3, zorder=4)
+            axes.plot(*ends.T, color=color, lw=1.2, zorder=4)
 
 
 def _draw_loads(axes: Any, equilibrium: Equilibrium) -> None:
@@ -230,12 +239,12 @@ def _draw_row(
 ) -> None:
     count = max(4, round(24 * (interval[1] - interval[0]) / equilibrium.length))
     s = np.linspace(*interval, count)
-    values = _density(density, s)
-    sizes = np.linalg.norm(values, axis=1)
+    breaks = np.clip(equilibrium.configuration.break_points, *interval)
+    values, dense = _density(density, s), _density(density, np.union1d(np.linspace(*interval, 201), breaks))
+    varies, peak = bool(np.ptp(dense, axis=0).any()), np.linalg.norm(dense, axis=1).max()
     labels = [""] * count
-    varies = bool(np.ptp(values, axis=0).any())
-    where = int(np.argmax(sizes)) if varies else count // 2
-    labels[where] = f"{'up to ' if varies else ''}{sizes.max():.3g} {'N/m' if kind == 'force' else 'N m/m'}"
+    where = int(np.argmax(np.linalg.norm(values, axis=1))) if varies else 0
+    labels[where] = f"{'up to ' if varies else ''}{peak:.3g} {'N/m' if kind == 'force' else 'N m/m'}"
     _draw_arrows(axes, equilibrium, equilibrium.position(s), values, 0.09, color, labels)
 
 
@@ -251,37 +260,28 @@ def _draw_arrows(
     axes: Any, equilibrium: Equilibrium, at: Array, values: Array, longest: float, color: str, labels: list[str]
 ) -> None:
     """Arrows ``values (k, 3)`` from ``at (k, 3)``, the largest ``longest`` robot lengths long."""
+    from matplotlib.patheffects import withStroke
+
     sizes = np.linalg.norm(values, axis=1)
     for position, value, size, label in zip(at, values, sizes, labels, strict=True):
         if size > 0.0:
             length = longest * equilibrium.length * size / sizes.max()
-            _draw_arrow(axes, position, value / size, length, 0.02 * longest * equilibrium.length, color, label)
+            _draw_arrow(axes, position, length * value / size, 0.02 * longest * equilibrium.length, color)
+            place = _MM * (position + (length + 0.035 * equilibrium.length) * value / size)
+            halo = [withStroke(linewidth=2.5, foreground="white")]
+            axes.text(*place, label, color=color, ha="center", va="center", zorder=5, path_effects=halo)
 
 
-def _draw_arrow(
-    axes: Any, start: Array, direction: Array, length: float, thickness: float, color: str, label: str
-) -> None:
-    from matplotlib.patheffects import withStroke
+def _draw_arrow(axes: Any, start: Array, arrow: Array, thickness: float, color: str) -> None:
+    from scipy.spatial.transform import Rotation
 
+    length = float(np.linalg.norm(arrow))
     head = min(0.35 * length, 12.0 * thickness)
-    along = np.array([0.0, length - head, length - head, length])
     poses = np.tile(np.eye(4), (4, 1, 1))
-    poses[:, :3, 2] = direction
-    poses[:, :3, 0] = _across(direction)
-    poses[:, :3, 1] = np.cross(direction, poses[0, :3, 0])
-    poses[:, :3, 3] = start + along[:, None] * direction
-    radii = np.array([thickness, thickness, 0.3 * head, 1e-3 * head])
-    _draw_swept(axes, poses, radii, color=color, zorder=3)
-    if label:
-        place = _MM * (start + (length + 4.0 * thickness) * direction)
-        halo = [withStroke(linewidth=2.5, foreground="white")]
-        axes.text(*place, label, color=color, ha="center", va="center", zorder=5, path_effects=halo)
-
-
-def _across(direction: Array) -> Array:
-    """A unit vector perpendicular to ``direction``."""
-    side = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
-    return np.asarray(side / np.linalg.norm(side))
+    poses[:, :3, :3] = Rotation.align_vectors([arrow], [[0.0, 0.0, 1.0]])[0].as_matrix()
+    poses[:, :3, 3] = start + np.outer([0.0, length - head, length - head, length], arrow / length)
+    radii = np.array([thickness, thickness, 0.3 * head, 0.0])
+    _draw_swept(axes, poses, radii, color=color, shade=False, zorder=3)
 
 
 def _finish(axes: Any) -> None:
@@ -293,11 +293,14 @@ def _finish(axes: Any) -> None:
     limits = data.mean(axis=1)[:, None] + 0.5 * sides[:, None] * np.array([-1.0, 1.0])
     axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2], xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     axes.set_box_aspect(sides)
+    axes.zaxis.labelpad = 9.0
     for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
-        axis.set_major_locator(MaxNLocator(max(2, round(7 * side / sides.max()))))
+        axis.set_major_locator(MaxNLocator(max(2, round(7 * side / sides.max())), steps=[1, 2, 5, 10]))
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    axes.legend(unique.values(), unique.keys(), loc="upper left")
+    legend = axes.legend(unique.values(), unique.keys(), **_ABOVE)
+    for handle in legend.legend_handles:
+        handle.set_linewidth(4.0 if handle.get_linestyle() == "-" else 1.5)
 
 
 # -- along the arc length ----------------------------------------------------------------------------------------
@@ -307,8 +310,8 @@ def _sampled(equilibrium: Equilibrium, end: float, of: Callable[[Array], Any]) -
     """Arc lengths, mm, and values on ``[0, end]``: twice at each break point, the limits from the left and right."""
     breaks = equilibrium.configuration.break_points
     at, drawn = [], []
-    for a, b in zip(breaks, breaks[1:], strict=False):
-        if a < end:
+    for a, b in pairwise(breaks):
+        if b <= end + _CLOSE * equilibrium.length:
             s = np.linspace(a, b, 2 + int(200.0 * (b - a) / equilibrium.length))
             drawn.append(s)
             at.append(np.append(s[:-1], b - 1e-6 * (b - a)))
@@ -322,9 +325,9 @@ def _draw_panels(panels: list[Axes], equilibrium: Equilibrium, linestyle: str) -
         values = np.linalg.norm(curvature, axis=1) if component is None else curvature[:, component]
         panels[0].plot(s, values, color=color, **style)
     for i, end in enumerate(equilibrium.configuration.tube_ends):
-        s, torsion = _sampled(equilibrium, float(end), lambda at, i=i: equilibrium.torsion(i, at))  # type: ignore[misc]
+        s, torsion = _sampled(equilibrium, float(end), partial(equilibrium.torsion, i))
         panels[1].plot(s, torsion, color=_tube_color(i), **style)
-        s, moment = _sampled(equilibrium, float(end), lambda at, i=i: equilibrium.tube_moment(i, at))  # type: ignore[misc]
+        s, moment = _sampled(equilibrium, float(end), partial(equilibrium.tube_moment, i))
         for panel, values in zip(panels[2:], moment.T, strict=True):
             panel.plot(s, _MM * values, color=_tube_color(i), **style)
 
@@ -332,18 +335,23 @@ def _draw_panels(panels: list[Axes], equilibrium: Equilibrium, linestyle: str) -
 def _label_panels(panels: list[Axes], equilibrium: Equilibrium, compared: bool) -> None:
     from matplotlib.lines import Line2D
 
-    names = ("curvature\n[1/m]", "torsion $u_{i,z}$\n[1/m]", *(f"$m_{{i,{c}}}$\n[N mm]" for c in "xyz"))
-    for panel, name in zip(panels, names, strict=True):
+    names = ("curvature\n[1/m]", "torsion $u_{i,z}$\n[1/m]", *(f"moment $m_{{i,{c}}}$\n[N mm]" for c in "xyz"))
+    scales = equilibrium.configuration.scales
+    units = (1.0 / scales.length, 1.0 / scales.length, *3 * (_MM * scales.moment,))
+    for panel, name, unit in zip(panels, names, units, strict=True):
         panel.set_ylabel(name)
         panel.margins(x=0.01, y=0.12)
+        low, high = panel.get_ylim()
+        if high - low < _NOTHING * unit:
+            panel.set_ylim(0.5 * (low + high) - 0.5 * _NOTHING * unit, 0.5 * (low + high) + 0.5 * _NOTHING * unit)
         panel.tick_params(labelbottom=panel is panels[-1])
         _mark_sections(panel, equilibrium)
-    panels[0].figure.align_ylabels(panels)  # type: ignore[union-attr]
+    panels[0].figure.align_ylabels(panels)
     panels[-1].set_xlabel("arc length s [mm]")
     entries = [Line2D([], [], color=color, label=label) for _, color, label in _COMPONENTS]
     if compared:
         entries += [Line2D([], [], color="0.3", ls=ls, label=of) for ls, of in (("-", "loaded"), ("--", "unloaded"))]
-    panels[0].legend(handles=entries, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    panels[0].legend(handles=entries, **_ABOVE)
 
 
 def _mark_sections(panel: Axes, equilibrium: Equilibrium) -> None:

@@ -110,9 +110,7 @@ class TubeSchema(Strict):
     density = Quantity("kg/m^3")
     bending_stiffness = Quantity("N*m^2")
     torsional_stiffness = Quantity("N*m^2")
-    precurvature = fields.List(
-        fields.Raw(), required=True, error_messages={"invalid": " must be a list of pieces, like [{kind = 'arc', ...}]"}
-    )
+    precurvature = fields.List(fields.Raw(), required=True, error_messages={"invalid": " must be a list of pieces"})
 
 
 class BaseSchema(Strict):

@@ -7,6 +7,7 @@ and the loads are *data*. Break points are exact nodes: curvature steps, tube en
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import attrs
@@ -20,6 +21,7 @@ from ..robot.loads import LOADS, DistributedLoad, Load, LoadTable, PointWrench
 from ..robot.robot import Robot
 
 _SAME_POINT = 1e-12  # of the robot's length: closer break points are one point
+_MOST_STEPS = 200  # beyond what sections need: absurd loads shall fail soon, not fill the memory
 _FUNCTION_PARTS = 8  # an interval under a load given as a function is cut into so many steps at least
 
 
@@ -157,10 +159,11 @@ class Configuration:
 
         A step's turn is estimated from the preset curvatures and loads; ``refinement`` multiplies the steps.
         """
+        turns = np.array([(b - a) * self._curvature_bound(float(a), float(b)) for a, b in pairwise(self.break_points)])
+        largest_turn = max(largest_turn, float(turns.sum()) / _MOST_STEPS)
         rows = []
-        for start, end in zip(self.break_points, self.break_points[1:], strict=False):
-            rate = self._curvature_bound(float(start), float(end))
-            parts = max(1, int(np.ceil((end - start) * rate / largest_turn)))
+        for start, end, turn in zip(self.break_points, self.break_points[1:], turns, strict=False):
+            parts = max(1, int(np.ceil(turn / largest_turn)))
             if any(
                 a < end and start < b and (callable(load.force) or callable(load.moment))
                 for a, b, load in self.distributed_loads

@@ -31,7 +31,7 @@ class Ipopt:
     """
 
     tolerance: float = 1e-10
-    max_iterations: int = 200
+    max_iterations: int = 100
 
 
 @attrs.frozen(eq=False)
