@@ -312,7 +312,7 @@ class Equilibrium:
         shape = self.shape
         scales = self._configuration.scales
         shooting = Shooting(self._configuration, shape.mesh, shape.integrator)
-        return scales.length * defect(shooting, self._base.vector / scales.moment, shape.nodes.left[:3])
+        return scales.length * defect(shooting, self._base.vector / scales.moment, shape)
 
     def report(self) -> str:
         """What was solved, how, how well, and what came out."""

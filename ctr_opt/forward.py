@@ -34,7 +34,7 @@ class ForwardProblem:
     method
         ``Homotopy(...)`` (default) or ``Newton(...)`` from zero for ``"equilibrium"``, ``Ipopt(...)`` for ``"energy"``.
     tolerance
-        Largest accepted estimated position error divided by the length; everything else follows from it.
+        Largest accepted estimated position error divided by the length, 1e-11 to 1e-2; everything else follows from it.
     integrator
         Runge-Kutta method of the shooting: ``"RK8"``, ``"RK5"``, ``"RK4"``.
     transcription
@@ -74,7 +74,7 @@ class ForwardProblem:
         self.settings = Settings(
             formulation,
             allowed[0]() if method is None else method,
-            number(tolerance, "tolerance", least=1e-12, most=1e-2),
+            number(tolerance, "tolerance", least=1e-11, most=1e-2),
             runge_kutta(integrator).name,
             Collocation() if transcription is None else transcription,
         )

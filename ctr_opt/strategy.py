@@ -32,6 +32,7 @@ METHODS: dict[str, tuple[type[Newton] | type[Homotopy] | type[Ipopt], ...]] = {
     "energy": (Ipopt,),
 }
 _REFINEMENTS = 7  # times the steps may be halved to reach the tolerance
+_PROGRESS = 0.9  # of the error: a refinement that gains less meets a limit that is not the discretization's
 _SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from
 _T = TypeVar("_T")
 
@@ -179,6 +180,7 @@ class Run:
         """By minimum energy, in its own discretization."""
         _refuse_moments(self.configuration)
         shape = initial.shape if initial is not None and initial.converged else None
+        last = np.inf
         for k in range(_REFINEMENTS):
             energy, minimum = self._minimum(self.configuration, shape, 2**k)
             nodes, z = energy.recover(minimum.point.x, minimum.point.multipliers)
@@ -187,6 +189,9 @@ class Run:
             estimate = estimate_error(shooting, solution, nodes, self.tolerance)
             if estimate.error <= self.settings.tolerance:
                 return self._equilibrium(_Reached(shooting, solution, minimum.stable), nodes, estimate)
+            if estimate.error > _PROGRESS * last:
+                break
+            last = estimate.error
             shape = Shape(self.configuration, energy.mesh, nodes, self.settings.integrator)
         raise self._inaccurate(z, estimate)
 
@@ -259,6 +264,7 @@ class Run:
 
     def _refined(self, reached: _Reached) -> Equilibrium:
         """Halve the steps until the estimated error meets the tolerance."""
+        last = np.inf
         for _ in range(_REFINEMENTS):
             nodes, _ = reached.shooting.sweep(reached.solution.z)
             estimate = estimate_error(reached.shooting, reached.solution, nodes, self.tolerance)
@@ -266,8 +272,9 @@ class Run:
                 return self._equilibrium(reached, nodes, estimate)
             solution = newton(estimate.finer, estimate.z, self.tolerance, NEARBY)
             self.iterations += solution.iterations
-            if not solution.converged:
+            if not solution.converged or estimate.error > _PROGRESS * last:
                 break
+            last = estimate.error
             reached = _Reached(estimate.finer, solution, reached.stable)
         raise self._inaccurate(reached.solution.z, estimate)
 

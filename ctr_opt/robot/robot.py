@@ -68,8 +68,9 @@ class Robot:
 
     Examples
     --------
-    >>> tube = Tube("wire", 1e-3, 0.0, Arc(0.1, 5.0), youngs_modulus=60e9, poisson_ratio=0.3)
-    >>> len(Robot([tube]).tubes)
+    >>> import ctr_opt as ctr
+    >>> tube = ctr.Tube("wire", 1e-3, 0.0, ctr.Arc(0.1, 5.0), youngs_modulus=60e9, poisson_ratio=0.3)
+    >>> len(ctr.Robot([tube]).tubes)
     1
     """
 

@@ -49,7 +49,9 @@ class Tube:
 
     Examples
     --------
-    >>> tube = Tube("inner", 1.75e-3, 1.25e-3, [Straight(0.2), Arc(0.1, 7.0)], youngs_modulus=58e9, poisson_ratio=0.3)
+    >>> import ctr_opt as ctr
+    >>> pieces = [ctr.Straight(0.2), ctr.Arc(0.1, 7.0)]
+    >>> tube = ctr.Tube("inner", 1.75e-3, 1.25e-3, pieces, youngs_modulus=58e9, poisson_ratio=0.3)
     >>> round(tube.bending_stiffness, 5), round(tube.length, 3)
     (0.01975, 0.3)
     """

@@ -11,6 +11,7 @@ from ..mechanics.state import State
 from ..robot.checks import Array
 from .columns import StepColumns
 from .linear import newton_correction
+from .shape import Shape
 from .shooting import Shooting, shooting_functions
 
 _RELATIVE, _ABSOLUTE = 1e-11, 1e-13
@@ -53,12 +54,14 @@ def _rates(configuration: Configuration, layout: StepColumns, start: float, end:
     return rates
 
 
-def defect(shooting: Shooting, z: Array, positions: Array) -> float:
-    """Largest dimensionless distance between ``positions (3, k)`` at the mesh's step ends and the exact shape.
+def defect(shooting: Shooting, z: Array, shape: Shape) -> float:
+    """Largest dimensionless distance between a shape, at the middle and the end of every step, and the exact one.
 
     The exact shape: integrated from ``z``, corrected by one Newton step with the residual the integrator finds.
     """
-    configuration, points = shooting.configuration, shooting.mesh[:, 1]
+    configuration, mesh = shooting.configuration, shooting.mesh
+    points = np.column_stack((mesh.mean(axis=1), mesh[:, 1])).ravel()
+    positions = shape.at(points, from_left=True).state.position / configuration.length
     parts = State.parts(configuration.tube_count)
     states, tip = integrate(configuration, shooting.start(z), points)
     residual = np.concatenate((tip[parts["bending"]], tip[parts["torsion"]]))

@@ -1,0 +1,50 @@
+"""The README and the docs tell the truth: their code runs, their files load, the modules they name are there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import ctr_opt as ctr
+
+
+def blocks(path, language):
+    return re.findall(rf"```{language}\n(.*?)```", Path(path).read_text("utf-8"), re.S)
+
+
+def test_the_code_in_the_readme_runs(capsys):
+    (code,) = blocks("README.md", "python")
+    scope = {}
+    exec(code, scope)
+    assert "converged" in capsys.readouterr().out
+    assert scope["pushed"].verify() < scope["pushed"].discretization_error
+
+
+def test_the_readme_has_exactly_two_commands():
+    run, test = blocks("README.md", "sh")
+    assert run.strip().endswith("ctr-opt solve problems/rjw_s1/fig9_loaded.toml")
+    assert test.strip().endswith("pytest")
+
+
+def test_the_files_in_the_docs_load(tmp_path):
+    robot, problem = blocks("docs/files.md", "toml")
+    second = robot[robot.index("[[tubes]]") :].replace("inner", "outer").replace("1.25 mm", "2 mm")
+    second = second.replace("1.75 mm", "2.4 mm").replace('outer_diameter = "2 mm"', 'inner_diameter = "2 mm"', 1)
+    second = re.sub(r'outer_diameter = "2 mm".*\n', "", second)
+    (tmp_path / "robot.toml").write_text(robot + second)
+    (tmp_path / "problem.toml").write_text(problem)
+    (tmp_path / "curvature.csv").write_text("0, 0, 7, 0\n0.02, 0, 7, 0\n0.05, 0, 8, 0\n")
+    (tmp_path / "load.csv").write_text("0, 1, 0, 0, 0, 0, 0\n0.1, 1, 0, 0, 0, 0, 0\n")
+    assert len(ctr.load_problem(tmp_path / "problem.toml").loads) == 3
+
+
+@pytest.mark.parametrize("path", ["docs/theory.md"])
+def test_modules_named_in_the_docs_exist(path):
+    text = Path(path).read_text("utf-8")
+    named = set(re.findall(r"`((?:robot|mechanics|transcription|solvers|tests)/\w+\.py)(?:: ([\w.]+))?`", text))
+    assert len(named) > 10
+    for file, name in named:
+        module = Path(file) if file.startswith("tests") else Path("ctr_opt", file)
+        assert module.exists(), file
+        for part in name.split("."):
+            assert part in module.read_text("utf-8"), (file, name)
