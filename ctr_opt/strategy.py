@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from functools import cache
 from time import perf_counter
@@ -35,6 +36,7 @@ _REFINEMENTS = 7  # times the steps may be halved to reach the tolerance
 _PROGRESS = 0.9  # of the error: a refinement that gains less meets a limit that is not the discretization's
 _SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from
 _T = TypeVar("_T")
+_LOG = logging.getLogger(__name__)
 
 
 @attrs.frozen
@@ -99,6 +101,7 @@ class Run:
                 result = self._refined(reached)
         except _Failed as failure:
             result = self._failure(failure)
+        _LOG.info("%s: %s, %d iterations", result.path, result.status.description, self.iterations)
         return result.timed(self.setup_time, perf_counter() - begin - self.setup_time)
 
     # -- strategies ------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from ..mechanics.sections import Configuration
 from ..mechanics.state import State, state_scales
 from ..robot.checks import Array
 from .columns import StepColumns
-from .shooting import Nodes, shooting_functions
+from .shooting import Nodes, ShootingFunctions, shooting_functions
 
 _QUADRATURE = 6  # Gauss points a step for energies: exact to the accuracy of the steps themselves
 
@@ -43,9 +43,13 @@ class Shape:
         self.mesh = mesh
         self.nodes = nodes
         self.integrator = integrator
-        self.functions = shooting_functions(configuration.tube_count, integrator)
         scales = configuration.scales
         self.unit = state_scales(configuration.tube_count, scales.length, scales.moment, scales.force)
+
+    @property
+    def functions(self) -> ShootingFunctions:
+        """The symbolic functions, which are shared and never pickled."""
+        return shooting_functions(self.configuration.tube_count, self.integrator)
 
     def inside(self, s: Array, most: float, what: str) -> Array:
         """``s`` as an array, or an error where it is not within ``[0, most]``; the break points are hit exactly."""

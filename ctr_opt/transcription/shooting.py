@@ -141,13 +141,17 @@ class Shooting:
     def __init__(self, configuration: Configuration, mesh: Array, integrator: str = "RK8") -> None:
         self.configuration = configuration
         self.mesh = mesh
-        self.functions = shooting_functions(configuration.tube_count, integrator)
         self.integrator = integrator
         layout = self.functions.columns
         columns = layout.pack(configuration, mesh, self.functions.integrator.nodes)
         self._columns = layout.pad(columns, padded(len(mesh)))
         self._entry = self.functions.entry.pack(configuration, self._total_force(columns))
         self.unknowns = self.functions.unknowns
+
+    @property
+    def functions(self) -> ShootingFunctions:
+        """The symbolic functions, which are shared and never pickled."""
+        return shooting_functions(self.configuration.tube_count, self.integrator)
 
     def _total_force(self, columns: Array) -> Array:
         """Of all loads behind ``s = 0``, by the integrator's own quadrature, so that ``n`` ends at zero."""
