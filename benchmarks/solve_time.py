@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import root
 
 import ctr_opt as ctr
+from ctr_opt.mechanics.boundary import tip_rows
 from ctr_opt.mechanics.sections import Configuration
 from ctr_opt.transcription import verification
 from ctr_opt.transcription.shooting import Shooting
@@ -21,11 +22,10 @@ REPEATS = 10
 def baseline(robot, actuation, loads, start):
     configuration = Configuration(robot, actuation, loads)
     shooting = Shooting(configuration, configuration.mesh())
-    tubes = configuration.tube_count
 
     def residual(z):
         _, tip = verification.integrate(configuration, shooting.start(z), configuration.break_points[1:])
-        return tip[7 + tubes : 9 + 2 * tubes]
+        return tip[tip_rows(configuration.tube_count)]
 
     found = root(residual, start / configuration.scales.moment, tol=1e-9)
     return verification.integrate(configuration, shooting.start(found.x), configuration.break_points[1:])[0][:3, -1]

@@ -102,11 +102,12 @@ def list_problems(folder: Path) -> None:
 
 @cli.command()
 @click.argument("file", type=_FILE)
-def check(file: Path) -> None:
+@click.option("--strict", is_flag=True, help="Refuse tubes that do not nest, instead of warning of them.")
+def check(file: Path, strict: bool) -> None:
     """Check a robot file (or a problem file) and print what it says."""
     from .files import check_file
 
-    click.echo(check_file(file))
+    click.echo(check_file(file, on_overlap="error" if strict else "warn"))
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

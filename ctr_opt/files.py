@@ -15,10 +15,10 @@ from .equilibrium import Equilibrium
 from .errors import CtrOptError, DefinitionError
 from .forward import ForwardProblem
 from .robot.actuation import Actuation
-from .robot.checks import Array
+from .robot.checks import Array, choice
 from .robot.loads import DistributedLoad, Load, PointWrench
 from .robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature, Straight
-from .robot.robot import Robot
+from .robot.robot import ON_OVERLAP, Robot, report_overlaps
 from .robot.tube import Tube
 from .writing import check_output, write_atomically
 
@@ -79,7 +79,7 @@ class Problem:
         }
 
 
-def load_robot(path: str | os.PathLike[str]) -> Robot:
+def load_robot(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Robot:
     """Read a robot file.
 
     Parameters
@@ -87,6 +87,8 @@ def load_robot(path: str | os.PathLike[str]) -> Robot:
     path
         A TOML file with ``[[tubes]]`` from the innermost to the outermost; quantities are numbers in SI or texts with
         units (``"1.75 mm"``). CSV files it names are looked for beside it.
+    on_overlap
+        What to do where tubes do not nest: ``"warn"``, ``"error"`` or ``"ignore"``.
 
     Raises
     ------
@@ -104,7 +106,9 @@ def load_robot(path: str | os.PathLike[str]) -> Robot:
     data = _at(file, "", lambda: load_checked(RobotSchema, _read_toml(file)))
     tubes = [_tube(file, k, table) for k, table in enumerate(data["tubes"])]
     pose = data.get("base", {}).get("pose")
-    return _at(file, "", lambda: Robot(tubes, pose))
+    robot = _at(file, "", lambda: Robot(tubes, pose, on_overlap="ignore"))
+    report_overlaps(robot, choice(on_overlap, "on_overlap", ON_OVERLAP), f"{file}: ")
+    return robot
 
 
 def save_robot(robot: Robot, path: str | os.PathLike[str]) -> None:
@@ -156,7 +160,7 @@ def load_problem(path: str | os.PathLike[str]) -> Problem:
     )
 
 
-def check_file(path: str | os.PathLike[str]) -> str:
+def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str:
     """Read a robot or problem file and say in a few lines what it holds.
 
     Raises
@@ -169,7 +173,7 @@ def check_file(path: str | os.PathLike[str]) -> str:
 
     file = Path(path)
     if "title" not in _read_toml(file):
-        return robot_report(load_robot(file))
+        return robot_report(load_robot(file, on_overlap=on_overlap))
     problem = load_problem(file)
     configuration = _at(file, "", lambda: Configuration(problem.robot, problem.actuation, problem.loads))
     loads = f"{len(problem.loads)} load{'' if len(problem.loads) == 1 else 's'}"

@@ -276,6 +276,15 @@ def test_tubes_that_do_not_nest_are_warned_of():
         ctr.Robot([tube(), tube(name="outer", outer_diameter=2e-3)])
 
 
+def test_tubes_of_a_file_that_do_not_nest(tmp_path):
+    second = ROBOT.replace('"inner"', '"outer"').replace('"1 mm"', '"2 mm"')
+    (tmp_path / "robot.toml").write_text(ROBOT + second)
+    with pytest.warns(ctr.NestingWarning, match=r"robot\.toml: tubes\[0\].*tubes\[1\]"):
+        ctr.load_robot(tmp_path / "robot.toml")
+    with pytest.raises(ctr.DefinitionError, match=r"robot\.toml: tubes\[0\].*tubes\[1\]"):
+        ctr.load_robot(tmp_path / "robot.toml", on_overlap="error")
+
+
 def test_an_inner_tube_inside_an_outer_one_is_no_error():
     result = solve(actuation=held(translations=(-0.05, 0.0)))
     assert result.length == pytest.approx(0.1, abs=1e-15)  # the outer tube carries the tip

@@ -48,6 +48,7 @@ def jump(state: State[SymT], force: SymT, moment: SymT) -> State[SymT]:
     )
 
 
-def tip_residual(state: State[SymT]) -> SymT:
-    """``m_xy`` and every ``tau_i`` behind the last load: zero in equilibrium (paper, II-G)."""
-    return ca.vertcat(state.bending, state.torsion)
+def tip_rows(tubes: int) -> list[int]:
+    """The entries of a state vector that vanish behind the last load: ``m_xy`` and every ``tau_i`` (paper, II-G)."""
+    bending, torsion = State.parts(tubes)["bending"], State.parts(tubes)["torsion"]
+    return [*range(bending.start, bending.stop), *range(torsion.start, torsion.stop)]

@@ -5,31 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 import attrs
-import numpy as np
 
 from ..errors import DefinitionError
-from .checks import Array, array
+from .checks import ARRAY_EQ, Array, array
 
 
 def _angles(value: Any) -> Array:
-    return array(
-        np.atleast_1d(value) if np.ndim(value) == 0 and not isinstance(value, str) else value,
-        "rotations",
-        (None,),
-        unit="rad",
-    )
+    return array(value, "rotations", (None,), unit="rad")
 
 
 def _shifts(value: Any) -> Array:
-    return array(
-        np.atleast_1d(value) if np.ndim(value) == 0 and not isinstance(value, str) else value,
-        "translations",
-        (None,),
-        unit="m",
-    )
-
-
-_ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
+    return array(value, "translations", (None,), unit="m")
 
 
 @attrs.frozen
@@ -50,8 +36,8 @@ class Actuation:
     array([-0.1 , -0.05])
     """
 
-    rotations: Array = attrs.field(converter=_angles, eq=_ARRAY_EQ)
-    translations: Array = attrs.field(converter=_shifts, eq=_ARRAY_EQ)
+    rotations: Array = attrs.field(converter=_angles, eq=ARRAY_EQ)
+    translations: Array = attrs.field(converter=_shifts, eq=ARRAY_EQ)
 
     def __attrs_post_init__(self) -> None:
         if len(self.rotations) != len(self.translations):

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DefinitionError
 
 Array = NDArray[np.float64]
+ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
+"""Equality of a field that holds an array."""
 
 
 def number(

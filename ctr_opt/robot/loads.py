@@ -9,10 +9,9 @@ import attrs
 import numpy as np
 
 from ..errors import DefinitionError
-from .checks import Array, array, choice, index, number
+from .checks import ARRAY_EQ, Array, array, choice, index, number
 from .piecewise import PiecewisePolynomial
 
-_ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
 _FRAMES = ("world",)
 
 
@@ -123,8 +122,8 @@ class PointWrench:
     0
     """
 
-    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_force, eq=_ARRAY_EQ)
-    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_moment, eq=_ARRAY_EQ)
+    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_force, eq=ARRAY_EQ)
+    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_moment, eq=ARRAY_EQ)
     arc_length: float | None = attrs.field(default=None, converter=_arc_length)
     tube: int = attrs.field(default=0, converter=_tube)
     frame: str = attrs.field(default="world", converter=_frame)

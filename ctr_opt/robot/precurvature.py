@@ -13,10 +13,8 @@ import attrs
 import numpy as np
 
 from ..errors import DefinitionError
-from .checks import Array, array, number
+from .checks import ARRAY_EQ, Array, array, number
 from .piecewise import PiecewisePolynomial
-
-_ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
 
 
 def _length(value: Any) -> float:
@@ -75,7 +73,7 @@ class Arc:
     """
 
     length: float = attrs.field(converter=_length)
-    curvature: Array = attrs.field(converter=_curvature, eq=_ARRAY_EQ)
+    curvature: Array = attrs.field(converter=_curvature, eq=ARRAY_EQ)
 
     def polynomial(self) -> PiecewisePolynomial:
         """``u*`` along the piece."""
@@ -102,7 +100,7 @@ class PolynomialCurvature:
     """
 
     length: float = attrs.field(converter=_length)
-    coefficients: Array = attrs.field(converter=_coefficients, eq=_ARRAY_EQ)
+    coefficients: Array = attrs.field(converter=_coefficients, eq=ARRAY_EQ)
 
     def polynomial(self) -> PiecewisePolynomial:
         """``u*`` along the piece."""
@@ -127,8 +125,8 @@ class SampledCurvature:
     0.05
     """
 
-    arc_length: Array = attrs.field(eq=_ARRAY_EQ, converter=_sample_points)
-    curvature: Array = attrs.field(eq=_ARRAY_EQ, converter=_samples)
+    arc_length: Array = attrs.field(eq=ARRAY_EQ, converter=_sample_points)
+    curvature: Array = attrs.field(eq=ARRAY_EQ, converter=_samples)
 
     def __attrs_post_init__(self) -> None:
         samples = len(self.arc_length)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import warnings
+from itertools import pairwise
 from typing import Any
 
 import attrs
 import numpy as np
 
 from ..errors import DefinitionError, NestingWarning
-from .checks import Array, array, choice
+from .checks import ARRAY_EQ, Array, array, choice
 from .tube import Tube
 
 _ROTATION_TOLERANCE = 1e-6
+ON_OVERLAP = ("warn", "error", "ignore")
 
 
 def _tubes(value: Any) -> tuple[Tube, ...]:
@@ -75,18 +77,27 @@ class Robot:
     """
 
     tubes: tuple[Tube, ...] = attrs.field(converter=_tubes)
-    base_pose: Array = attrs.field(default=None, converter=_pose, eq=attrs.cmp_using(eq=np.array_equal))
+    base_pose: Array = attrs.field(default=None, converter=_pose, eq=ARRAY_EQ)
     on_overlap: str = attrs.field(default="warn", eq=False, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
-        choice(self.on_overlap, "on_overlap", ("warn", "error", "ignore"))
-        for k, (inner, outer) in enumerate(zip(self.tubes, self.tubes[1:], strict=False)):
-            if inner.outer_diameter <= outer.inner_diameter or self.on_overlap == "ignore":
-                continue
-            message = (
-                f"tubes[{k}] ({inner.name!r}): outer_diameter = {inner.outer_diameter:g} m does not fit into "
-                f"tubes[{k + 1}] ({outer.name!r}): inner_diameter = {outer.inner_diameter:g} m"
-            )
-            if self.on_overlap == "error":
-                raise DefinitionError(message)
-            warnings.warn(message, NestingWarning, stacklevel=3)
+        choice(self.on_overlap, "on_overlap", ON_OVERLAP)
+        report_overlaps(self, self.on_overlap, "")
+
+    @property
+    def overlaps(self) -> list[str]:
+        """A sentence for each tube that is wider than the bore of the next one."""
+        return [
+            f"tubes[{k}] ({inner.name!r}): outer_diameter = {inner.outer_diameter:g} m does not fit into "
+            f"tubes[{k + 1}] ({outer.name!r}): inner_diameter = {outer.inner_diameter:g} m"
+            for k, (inner, outer) in enumerate(pairwise(self.tubes))
+            if inner.outer_diameter > outer.inner_diameter
+        ]
+
+
+def report_overlaps(robot: Robot, on_overlap: str, where: str) -> None:
+    """Warn of tubes that do not nest, or refuse them; ``where`` stands before the sentence."""
+    for sentence in robot.overlaps if on_overlap != "ignore" else ():
+        if on_overlap == "error":
+            raise DefinitionError(where + sentence)
+        warnings.warn(where + sentence, NestingWarning, stacklevel=4)

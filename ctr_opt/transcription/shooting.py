@@ -17,7 +17,7 @@ import numpy as np
 
 from ..mechanics import boundary, rod
 from ..mechanics.sections import Configuration
-from ..mechanics.state import State, state_scales
+from ..mechanics.state import State
 from ..robot.checks import Array
 from .columns import EntryColumn, StepColumns
 from .integrators import RungeKutta, runge_kutta
@@ -114,8 +114,7 @@ class ShootingFunctions:
             start, slope = self.start(z, entry)
             everything = self._linear_step.mapaccum("linear_sweep", count)(ca.horzcat(start, slope), columns)
             last = everything[:, -(1 + self.unknowns) :]
-            parts = State.parts(self.tubes)
-            rows = ca.vertcat(last[parts["bending"], :], last[parts["torsion"], :])
+            rows = last[boundary.tip_rows(self.tubes), :]
             self._linearized[count] = ca.Function("linearized", [z, entry, columns], [rows[:, 0], rows[:, 1:]])
         return self._linearized[count]
 
@@ -191,11 +190,4 @@ class Shooting:
         right = np.hstack((start.full(), after.full()))
         count = len(self.mesh)
         nodes = Nodes(right[:, :count], before.full()[:, :count], right[:, count])
-        parts = State.parts(self.configuration.tube_count)
-        return nodes, np.concatenate((nodes.tip[parts["bending"]], nodes.tip[parts["torsion"]]))
-
-    @property
-    def unit(self) -> Array:
-        """The unit of each entry of a state vector, SI."""
-        scales = self.configuration.scales
-        return state_scales(self.configuration.tube_count, scales.length, scales.moment, scales.force)
+        return nodes, nodes.tip[boundary.tip_rows(self.configuration.tube_count)]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..mechanics.boundary import tip_rows
 from ..mechanics.sections import Configuration
 from ..mechanics.state import State
 from ..robot.checks import Array
@@ -64,7 +65,6 @@ def defect(shooting: Shooting, z: Array, shape: Shape) -> float:
     positions = shape.at(points, from_left=True).state.position / configuration.length
     parts = State.parts(configuration.tube_count)
     states, tip = integrate(configuration, shooting.start(z), points)
-    residual = np.concatenate((tip[parts["bending"]], tip[parts["torsion"]]))
-    correction = newton_correction(shooting.linearize(z)[1], residual)
+    correction = newton_correction(shooting.linearize(z)[1], tip[tip_rows(configuration.tube_count)])
     states, _ = integrate(configuration, shooting.start(z + correction), points)
     return float(np.linalg.norm(states[parts["position"]] - positions, axis=0).max())
