@@ -19,6 +19,7 @@ from .files import save_robot as save_robot
 from .files import save_shape as save_shape
 from .forward import ForwardProblem as ForwardProblem
 from .robot.actuation import Actuation as Actuation
+from .robot.curves import precurvature_from_curve as precurvature_from_curve
 from .robot.loads import DistributedLoad as DistributedLoad
 from .robot.loads import PointWrench as PointWrench
 from .robot.precurvature import Arc as Arc
