@@ -58,7 +58,7 @@ def precurvature_from_curve(
     >>> import numpy as np
     >>> circle = lambda t: 0.05 * np.array([1 - np.cos(t), 0.0, np.sin(t)])
     >>> piece = precurvature_from_curve(circle, interval=(0.0, np.pi / 2))
-    >>> round(piece.length, 6), np.round(piece.curvature[50], 6).tolist()
+    >>> round(piece.length, 6), (np.round(piece.curvature[50], 6) + 0.0).tolist()
     (0.07854, [0.0, 20.0, 0.0])
     """
     choice(framing, "framing", ("bishop", "frenet"))
@@ -85,17 +85,19 @@ class _Geometry:
         points, weights = np.polynomial.legendre.leggauss(12)
         half = 0.5 * np.diff(knots)
         inner = 0.5 * (knots[1:] + knots[:-1])[:, None] + half[:, None] * points
-        speeds = np.linalg.norm(first(inner), axis=-1)
-        if not np.all(speeds > 1e-9 * speeds.max()):
+        slopes = first(inner)
+        speeds = np.linalg.norm(slopes, axis=-1)
+        ahead = np.einsum("...i,...i", slopes.reshape(-1, 3)[1:], slopes.reshape(-1, 3)[:-1])
+        if not (np.all(speeds > 1e-9 * speeds.max()) and np.all(ahead > 0.0)):
             raise DefinitionError("curve: it stands still or turns back at a point, so it has no tangent there")
         lengths = np.concatenate(([0.0], np.cumsum(half * (speeds @ weights))))
-        slopes = 1.0 / np.linalg.norm(first(knots), axis=-1)
+        paces = 1.0 / np.linalg.norm(first(knots), axis=-1)
 
         def parameter(s: Any) -> Array:
             """``t`` at an arc length: a guess from the knots, then Newton's method on the length of the last piece."""
             s = np.asarray(s, dtype=np.float64)
             k = np.clip(np.searchsorted(lengths, s, side="right") - 1, 0, len(half) - 1)
-            t = knots[k] + (s - lengths[k]) * slopes[k]
+            t = knots[k] + (s - lengths[k]) * paces[k]
             for _ in range(8):
                 part = 0.5 * (t - knots[k])
                 nodes = knots[k][..., None] + part[..., None] * (points + 1.0)
@@ -128,9 +130,7 @@ def _spline_of_points(points: Any) -> Any:
     chords = np.linalg.norm(np.diff(rows, axis=0), axis=1)
     if np.any(chords == 0.0):
         k = int(np.argmin(chords))
-        raise DefinitionError(
-            f"curve[{k}] and curve[{k + 1}] are the same point {rows[k].tolist()}; points must differ"
-        )
+        raise DefinitionError(f"curve[{k}] and curve[{k + 1}] are the same point {rows[k].tolist()} but must differ")
     degree = 5 if len(rows) >= 6 else 3
     return make_interp_spline(np.concatenate(([0.0], np.cumsum(chords))), rows, k=degree)
 
