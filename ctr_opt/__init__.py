@@ -28,6 +28,9 @@ from .robot.precurvature import SampledCurvature as SampledCurvature
 from .robot.precurvature import Straight as Straight
 from .robot.robot import Robot as Robot
 from .robot.tube import Tube as Tube
+from .robot.weights import DistributedMass as DistributedMass
+from .robot.weights import Gravity as Gravity
+from .robot.weights import PointMass as PointMass
 from .solvers.homotopy import Homotopy as Homotopy
 from .solvers.ipopt import Ipopt as Ipopt
 from .solvers.newton import Newton as Newton

@@ -20,6 +20,7 @@ from .robot.loads import DistributedLoad, Load, PointWrench
 from .robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature, Straight
 from .robot.robot import ON_OVERLAP, Robot, report_overlaps
 from .robot.tube import Tube
+from .robot.weights import DistributedMass, Gravity, PointMass
 from .writing import check_output, write_atomically
 
 _T = TypeVar("_T")
@@ -273,7 +274,13 @@ def _load(file: Path, robot: Robot, k: int, table: Any) -> Load:
             raise DefinitionError(f"{file}: {place}.file is given beside force or moment: give one of them")
         rows = read_csv(file.parent / values.pop("file"), 7)
         values["force"], values["moment"] = (rows[:, 0], rows[:, 1:4]), (rows[:, 0], rows[:, 4:])
-    kinds: dict[str, Callable[..., Load]] = {"point": PointWrench, "distributed": DistributedLoad}
+    kinds: dict[str, Callable[..., Load]] = {
+        "point": PointWrench,
+        "distributed": DistributedLoad,
+        "gravity": Gravity,
+        "point_mass": PointMass,
+        "distributed_mass": DistributedMass,
+    }
     return _at(file, place, lambda: kinds[kind](**values))
 
 

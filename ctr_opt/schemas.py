@@ -171,6 +171,32 @@ class DistributedSchema(Strict):
     frame = _text()
 
 
+class GravitySchema(Strict):
+    """``kind = "gravity"``."""
+
+    kind = _text()
+    acceleration = Quantity("m/s^2", 3, required=True)
+
+
+class PointMassSchema(Strict):
+    """``kind = "point_mass"``."""
+
+    kind = _text()
+    mass = Quantity("kg", required=True)
+    arc_length = Quantity("m")
+    tube = fields.Raw()
+
+
+class DistributedMassSchema(Strict):
+    """``kind = "distributed_mass"``."""
+
+    kind = _text()
+    mass_per_length = Quantity("kg/m", required=True)
+    start = Quantity("m")
+    end = Quantity("m")
+    tube = fields.Raw()
+
+
 class SolverSchema(Strict):
     """``[solver]``: arguments of ``ForwardProblem``."""
 
@@ -210,7 +236,13 @@ PIECE_SCHEMAS = {
     "polynomial": PolynomialSchema,
     "sampled": SampledSchema,
 }
-LOAD_SCHEMAS = {"point": PointSchema, "distributed": DistributedSchema}
+LOAD_SCHEMAS = {
+    "point": PointSchema,
+    "distributed": DistributedSchema,
+    "gravity": GravitySchema,
+    "point_mass": PointMassSchema,
+    "distributed_mass": DistributedMassSchema,
+}
 
 
 def load_checked(schema: type[Schema], data: Any) -> dict[str, Any]:

@@ -339,5 +339,5 @@ def _forces_only(configuration: Configuration) -> Configuration:
     """The configuration without its moments; itself if there are none."""
     if not any(load.has_moment for load in configuration.loads):
         return configuration
-    loads = [attrs.evolve(load, moment=np.zeros(3)) for load in configuration.loads]
+    loads = [load.forces_only() for load in configuration.loads]
     return Configuration(configuration.robot, configuration.actuation, loads)

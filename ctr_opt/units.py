@@ -41,6 +41,9 @@ _KINDS = {
     "1/m": "a curvature, like '12 1/m'",
     "Pa": "a modulus, like '58 GPa'",
     "kg/m^3": "a density, like '6450 kg/m^3'",
+    "kg": "a mass, like '2 g'",
+    "kg/m": "a mass per length, like '0.3 kg/m'",
+    "m/s^2": "an acceleration, like '9.81 m/s^2'",
     "N*m^2": "a stiffness, like '0.02 N*m^2'",
 }
 

@@ -35,7 +35,7 @@ def test_the_files_in_the_docs_load(tmp_path):
     (tmp_path / "problem.toml").write_text(problem)
     (tmp_path / "curvature.csv").write_text("0, 0, 7, 0\n0.02, 0, 7, 0\n0.05, 0, 8, 0\n")
     (tmp_path / "load.csv").write_text("0, 1, 0, 0, 0, 0, 0\n0.1, 1, 0, 0, 0, 0, 0\n")
-    assert len(ctr.load_problem(tmp_path / "problem.toml").loads) == 3
+    assert len(ctr.load_problem(tmp_path / "problem.toml").loads) == 6
 
 
 @pytest.mark.parametrize("path", ["docs/theory.md"])

@@ -19,6 +19,7 @@ from ..robot.actuation import Actuation
 from ..robot.checks import Array
 from ..robot.loads import LOADS, DistributedLoad, Load, LoadTable, PointWrench
 from ..robot.robot import Robot
+from ..robot.weights import DistributedMass, Gravity, PointMass
 
 _SAME_POINT = 1e-12  # of the robot's length: closer break points are one point
 _MOST_STEPS = 200  # beyond what sections need: absurd loads shall fail soon, not fill the memory
@@ -77,6 +78,8 @@ class Configuration:
         self.scales = Scales(self.length, float(self.bending_stiffness.max()))
         self.point_loads: list[tuple[float, int, PointWrench]] = []
         self.distributed_loads: list[tuple[float, float, DistributedLoad]] = []
+        self._distributed_names: list[str] = []
+        self._gravity = sum((load.acceleration for load in self.loads if isinstance(load, Gravity)), np.zeros(3))
         for k, load in enumerate(self.loads):
             self._place(k, load)
         self.break_points = self._break_points()
@@ -86,31 +89,47 @@ class Configuration:
     def _place(self, k: int, load: Load) -> None:
         if not isinstance(load, LOADS):
             raise DefinitionError(f"loads[{k}] = {load!r} must be one of {', '.join(kind.__name__ for kind in LOADS)}")
-        if load.tube >= self.tube_count:
+        if isinstance(load, Gravity):
+            self._place_weights(load)
+            return
+        tube = load.tube
+        if tube >= self.tube_count:
             raise DefinitionError(
-                f"loads[{k}]: tube = {load.tube} is not there: the robot has tubes 0 to {self.tube_count - 1}"
+                f"loads[{k}]: tube = {tube} is not there: the robot has tubes 0 to {self.tube_count - 1}"
             )
-        tube_end = float(self.tube_ends[load.tube])
+        tube_end = float(self.tube_ends[tube])
         slack = _SAME_POINT * self.length
 
         def inside(field: str, value: float | None) -> float:
             if value is None:
                 return tube_end
             if value > tube_end + slack:
-                name = self.robot.tubes[load.tube].name
                 raise DefinitionError(
-                    f"loads[{k}]: {field} = {value:g} m is beyond the end of tube {load.tube} ({name!r}): "
-                    f"allowed are 0 to {tube_end:g} m at this actuation"
+                    f"loads[{k}]: {field} = {value:g} m is beyond the end of tube {tube} "
+                    f"({self.robot.tubes[tube].name!r}): allowed are 0 to {tube_end:g} m at this actuation"
                 )
             return min(value, tube_end)
 
-        if isinstance(load, PointWrench):
-            self.point_loads.append((inside("arc_length", load.arc_length), load.tube, load))
+        if isinstance(load, (PointWrench, PointMass)):
+            s = inside("arc_length", load.arc_length)
+            wrench = PointWrench(force=load.mass * self._gravity) if isinstance(load, PointMass) else load
+            self.point_loads.append((s, tube, wrench))
             return
         start, end = inside("start", load.start), inside("end", load.end)
         if end <= start:
             raise DefinitionError(f"loads[{k}]: end = {end:g} m must be above start = {start:g} m")
+        if isinstance(load, DistributedMass):
+            load = DistributedLoad(force=load.mass_per_length * self._gravity, tube=tube)
         self.distributed_loads.append((start, end, load))
+        self._distributed_names.append(f"loads[{k}]")
+
+    def _place_weights(self, gravity: Gravity) -> None:
+        """The tubes' own weight in front of the entry point."""
+        for i, (tube, end) in enumerate(zip(self.robot.tubes, self.tube_ends, strict=True)):
+            if tube.density > 0.0:
+                weight = DistributedLoad(force=tube.mass_per_length * gravity.acceleration, tube=i)
+                self.distributed_loads.append((0.0, float(end), weight))
+                self._distributed_names.append(f"the weight of tube {i}")
 
     def _break_points(self) -> Array:
         points = [0.0, self.length]
@@ -212,11 +231,11 @@ class Configuration:
             precurvature[:, :, i] = tube.shape(sigma, piece) * present[:, i, None, None]
         force = np.zeros((count, size, 3))
         moment = np.zeros((count, size, self.tube_count, 3))
-        for k, (a, b, load) in enumerate(self.distributed_loads):
+        for name, (a, b, load) in zip(self._distributed_names, self.distributed_loads, strict=True):
             inside = (middle > a) & (middle < b)
             if inside.any():
-                force[inside] += _density(load.force, s[inside], middle[inside], f"loads[{k}].force")
-                moment[inside, :, load.tube] += _density(load.moment, s[inside], middle[inside], f"loads[{k}].moment")
+                force[inside] += _density(load.force, s[inside], middle[inside], f"{name}.force")
+                moment[inside, :, load.tube] += _density(load.moment, s[inside], middle[inside], f"{name}.moment")
         return Nodes(precurvature, force, moment)
 
     def loads_on(self, tube_ends: Array, factor: float) -> list[Load]:
@@ -228,9 +247,12 @@ class Configuration:
             return []
         moved: list[Load] = []
         for load in self.loads:
-            end = float(tube_ends[load.tube])
             scaled = load.times(factor)
-            if isinstance(scaled, PointWrench):
+            if isinstance(scaled, Gravity):
+                moved.append(scaled)
+                continue
+            end = float(tube_ends[scaled.tube])
+            if isinstance(scaled, (PointWrench, PointMass)):
                 s = scaled.arc_length
                 moved.append(scaled if s is None or s <= end else attrs.evolve(scaled, arc_length=end))
             elif scaled.start < end:

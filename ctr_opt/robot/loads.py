@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import DefinitionError
 from .checks import ARRAY_EQ, Array, array, choice, index, number
 from .piecewise import PiecewisePolynomial
+from .weights import DistributedMass, Gravity, PointMass
 
 _FRAMES = ("world",)
 
@@ -133,6 +134,10 @@ class PointWrench:
         """Whether it applies a moment, which has no potential."""
         return bool(np.any(self.moment))
 
+    def forces_only(self) -> PointWrench:
+        """The load without its moment."""
+        return attrs.evolve(self, moment=np.zeros(3))
+
     def times(self, factor: float) -> PointWrench:
         """The load multiplied."""
         return attrs.evolve(self, force=factor * self.force, moment=factor * self.moment)
@@ -179,6 +184,10 @@ class DistributedLoad:
             return bool(np.any(self.moment.values))
         return callable(self.moment) or bool(np.any(self.moment))
 
+    def forces_only(self) -> DistributedLoad:
+        """The load without its moment."""
+        return attrs.evolve(self, moment=np.zeros(3))
+
     def times(self, factor: float) -> DistributedLoad:
         """The load multiplied."""
         return attrs.evolve(self, force=_times(self.force, factor), moment=_times(self.moment, factor))
@@ -192,5 +201,5 @@ def _times(density: Any, factor: float) -> Any:
     return factor * density
 
 
-Load: TypeAlias = PointWrench | DistributedLoad
-LOADS = (PointWrench, DistributedLoad)
+Load: TypeAlias = PointWrench | DistributedLoad | Gravity | PointMass | DistributedMass
+LOADS = (PointWrench, DistributedLoad, Gravity, PointMass, DistributedMass)

@@ -121,6 +121,11 @@ class Tube:
         return math.pi * (self.outer_diameter**4 - self.inner_diameter**4) / 64.0
 
     @property
+    def mass_per_length(self) -> float:
+        """``density pi (D^2 - d^2) / 4``, kg/m."""
+        return self.density * math.pi * (self.outer_diameter**2 - self.inner_diameter**2) / 4.0
+
+    @property
     def bending_stiffness(self) -> float:
         """``EI``, N m^2."""
         if self._bending_stiffness is not None:

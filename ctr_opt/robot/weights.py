@@ -1,0 +1,148 @@
+"""Gravity, and the masses it acts on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+
+from ..errors import DefinitionError
+from .checks import ARRAY_EQ, Array, array, index, number
+
+
+def _acceleration(value: Any) -> Array:
+    return array(value, "acceleration", (3,), unit="m/s^2")
+
+
+def _mass(value: Any) -> float:
+    return number(value, "mass", least=0.0, unit="kg")
+
+
+def _mass_per_length(value: Any) -> float:
+    return number(value, "mass_per_length", least=0.0, unit="kg/m")
+
+
+def _arc_length(value: Any) -> float | None:
+    return None if value is None else number(value, "arc_length", least=0.0, unit="m")
+
+
+def _start(value: Any) -> float:
+    return number(value, "start", least=0.0, unit="m")
+
+
+def _end(value: Any) -> float | None:
+    return None if value is None else number(value, "end", least=0.0, unit="m")
+
+
+def _tube(value: Any) -> int:
+    return index(value, "tube")
+
+
+@attrs.frozen
+class Gravity:
+    """Gravity: acts on every tube by its density, and on all masses.
+
+    Parameters
+    ----------
+    acceleration
+        ``(3,)``, m/s^2, world frame.
+
+    Examples
+    --------
+    >>> Gravity([0.0, 0.0, -9.81]).acceleration
+    array([ 0.  ,  0.  , -9.81])
+    """
+
+    acceleration: Array = attrs.field(converter=_acceleration, eq=ARRAY_EQ)
+
+    @property
+    def has_moment(self) -> bool:
+        """Gravity applies none."""
+        return False
+
+    def forces_only(self) -> Gravity:
+        """The load itself."""
+        return self
+
+    def times(self, factor: float) -> Gravity:
+        """The load multiplied."""
+        return Gravity(factor * self.acceleration)
+
+
+@attrs.frozen
+class PointMass:
+    """A mass fixed at a point of a tube; acts only under a :class:`Gravity`.
+
+    Parameters
+    ----------
+    mass
+        kg.
+    arc_length
+        ``s`` from the entry point, m; ``None``: the tube's distal end.
+    tube
+        Index of the tube, 0 the innermost.
+
+    Examples
+    --------
+    >>> PointMass(0.002, arc_length=0.1).mass
+    0.002
+    """
+
+    mass: float = attrs.field(converter=_mass)
+    arc_length: float | None = attrs.field(default=None, converter=_arc_length)
+    tube: int = attrs.field(default=0, converter=_tube)
+
+    @property
+    def has_moment(self) -> bool:
+        """Its weight is a force."""
+        return False
+
+    def forces_only(self) -> PointMass:
+        """The load itself."""
+        return self
+
+    def times(self, factor: float) -> PointMass:
+        """The load multiplied."""
+        return attrs.evolve(self, mass=factor * self.mass)
+
+
+@attrs.frozen
+class DistributedMass:
+    """A mass per arc length on a tube; acts only under a :class:`Gravity`.
+
+    Parameters
+    ----------
+    mass_per_length
+        kg/m.
+    start, end
+        ``s`` from the entry point, m; ``end=None``: the tube's distal end.
+    tube
+        Index of the tube, 0 the innermost.
+
+    Examples
+    --------
+    >>> DistributedMass(0.3, start=0.01).end is None
+    True
+    """
+
+    mass_per_length: float = attrs.field(converter=_mass_per_length)
+    start: float = attrs.field(default=0.0, converter=_start)
+    end: float | None = attrs.field(default=None, converter=_end)
+    tube: int = attrs.field(default=0, converter=_tube)
+
+    def __attrs_post_init__(self) -> None:
+        if self.end is not None and self.end <= self.start:
+            raise DefinitionError(f"end = {self.end:g} m must be above start = {self.start:g} m")
+
+    @property
+    def has_moment(self) -> bool:
+        """Its weight is a force."""
+        return False
+
+    def forces_only(self) -> DistributedMass:
+        """The load itself."""
+        return self
+
+    def times(self, factor: float) -> DistributedMass:
+        """The load multiplied."""
+        return attrs.evolve(self, mass_per_length=factor * self.mass_per_length)
