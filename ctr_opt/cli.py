@@ -27,6 +27,11 @@ class _Group(click.Group):
         except CtrOptError as error:
             click.echo(f"ctr-opt: {error}", err=True)
             ctx.exit(_NOT_SOLVED if isinstance(error, SolveError) else _BAD_INPUT)
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            click.echo(f"ctr-opt: cannot write: {error}", err=True)
+            ctx.exit(_BAD_INPUT)
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
@@ -71,9 +76,11 @@ def solve(
     click.echo(result.report())
     if verify:
         click.echo(f"  {'verified':<22}{result.verify():.1e} m from the independent integrator's shape")
-    for name, (deviation, tolerance_given) in given.deviations(result).items():
-        verdict = "as expected" if deviation <= tolerance_given else "NOT AS EXPECTED"
-        click.echo(f"  {name:<22}{verdict}: {deviation:.1e} off, {tolerance_given:.1e} allowed (SI)")
+    as_expected = True
+    for name, (deviation, allowed) in given.deviations(result).items():
+        as_expected &= deviation <= allowed
+        verdict = "as expected" if deviation <= allowed else "NOT AS EXPECTED"
+        click.echo(f"  {name:<22}{verdict}: {deviation:.1e} off, {allowed:.1e} allowed (SI)")
     if output is not None:
         save_shape(result, output)
         click.echo(f"shape written to {output}")
@@ -81,6 +88,8 @@ def solve(
         unloaded = given.solve(loaded=False) if given.loads else None
         save_figure(figure_equilibrium(result, unloaded), figure)
         click.echo(f"figure written to {figure}")
+    if not as_expected:
+        sys.exit(_NOT_SOLVED)
 
 
 @cli.command("list")
@@ -89,15 +98,19 @@ def list_problems(folder: Path) -> None:
     """List the problems below FOLDER (default: ./problems), with their source and expected answer."""
     from .files import find_problems, load_problem
 
-    if not folder.is_dir():
-        raise DefinitionError(f"there is no folder {str(folder)!r} here: name the folder that holds problem files")
-    for path in find_problems(folder):
-        problem = load_problem(path)
+    paths = find_problems(folder)
+    if not paths:
+        click.echo(f"no problem files below {folder}")
+    for path in paths:
+        try:
+            problem = load_problem(path)
+        except DefinitionError as error:
+            click.echo(f"{path}\n  not readable: {error}")
+            continue
         click.echo(f"{path}\n  {problem.title}")
         for name, text in (("source", problem.source), ("expected", problem.expected.get("text", "not given"))):
-            click.echo(
-                textwrap.fill(" ".join(f"{name}: {text}".split()), 110, initial_indent="  ", subsequent_indent="    ")
-            )
+            line = " ".join(f"{name}: {text}".split())
+            click.echo(textwrap.fill(line, 110, initial_indent="  ", subsequent_indent="    "))
 
 
 @cli.command()

@@ -75,7 +75,7 @@ class Outcome:
     residual_norm: float = np.inf
     discretization_error: float = np.inf
     stability_checked: bool = False
-    determinant: float = np.nan
+    jacobian: Array | None = None
 
 
 class Equilibrium:
@@ -172,7 +172,12 @@ class Equilibrium:
     @property
     def determinant(self) -> float:
         """Determinant of ``d(m_xy, tau)(length) / d(m_xy, tau)(0)``; changes sign at a fold."""
-        return self._outcome.determinant
+        return float(np.linalg.det(self.jacobian)) if self.jacobian is not None else float("nan")
+
+    @property
+    def jacobian(self) -> Array | None:
+        """``d(m_xy, tau)(length) / d(m_xy, tau)(0)`` at the solution; None if there is none."""
+        return self._outcome.jacobian
 
     @property
     def last_iterate(self) -> BaseMoments:
@@ -206,7 +211,9 @@ class Equilibrium:
         parts = [
             np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False) for a, b in pairwise(breaks)
         ]
-        return np.concatenate((*parts, [self.length]))
+        grid = np.concatenate((*parts, [self.length]))
+        grid.setflags(write=False)
+        return grid
 
     @property
     def tip_position(self) -> Array:
@@ -353,6 +360,8 @@ class Equilibrium:
             raise DefinitionError(f"s = {s!r} must be a number or a one-dimensional array of numbers, in m") from None
         if points.ndim > 1:
             raise DefinitionError(f"s has shape {points.shape}, but must be a number or one-dimensional")
+        if points.size == 0:
+            return self._evaluate(np.zeros(1), of, tube)[:0]
         shape, flat = self.shape, np.atleast_1d(points)
         if tube is None:
             flat = shape.inside(flat, self.length, "the robot")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import reprlib
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,7 +17,7 @@ from .equilibrium import Equilibrium
 from .errors import CtrOptError, DefinitionError
 from .forward import ForwardProblem
 from .robot.actuation import Actuation
-from .robot.checks import Array, choice
+from .robot.checks import Array, choice, number
 from .robot.loads import DistributedLoad, Load, PointWrench
 from .robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature, Straight
 from .robot.robot import ON_OVERLAP, Robot, report_overlaps
@@ -147,17 +149,20 @@ def load_problem(path: str | os.PathLike[str]) -> Problem:
             f"{file}: actuation.rotations has {len(actuation.rotations)} entries, "
             f"but the robot has {len(robot.tubes)} tubes"
         )
+    loads = tuple(_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", [])))
+    solver = data.get("solver", {})
+    _at(file, "solver", lambda: ForwardProblem(robot, **solver).check(actuation, loads))
     return Problem(
         file,
         data["title"],
         robot,
         actuation,
-        tuple(_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", []))),
-        data.get("solver", {}),
+        loads,
+        solver,
         data.get("description", ""),
         data["source"]["text"],
         data["source"].get("does_not_claim", ""),
-        _expected(file, data.get("expected", {})),
+        _expected(file, robot, data.get("expected", {})),
     )
 
 
@@ -169,24 +174,30 @@ def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str
     DefinitionError
         As :func:`load_robot` and :func:`load_problem`.
     """
-    from .mechanics.sections import Configuration
     from .reports import robot_report
 
     file = Path(path)
     if "title" not in _read_toml(file):
         return robot_report(load_robot(file, on_overlap=on_overlap))
     problem = load_problem(file)
-    configuration = _at(file, "", lambda: Configuration(problem.robot, problem.actuation, problem.loads))
     loads = f"{len(problem.loads)} load{'' if len(problem.loads) == 1 else 's'}"
-    return f"{robot_report(problem.robot)}\n{problem.title}: length {1e3 * configuration.length:.3f} mm, {loads}"
+    length = ForwardProblem(problem.robot).check(problem.actuation, problem.loads).length
+    return f"{robot_report(problem.robot)}\n{problem.title}: length {1e3 * length:.3f} mm, {loads}"
 
 
 def find_problems(folder: str | os.PathLike[str]) -> list[Path]:
-    """The problem files below a folder: TOML files with a ``title``, in order."""
+    """The problem files below a folder, in order; TOML files without a ``title`` and a ``robot`` are passed over."""
     root = Path(folder)
     if not root.is_dir():
-        raise DefinitionError(f"{root} is no folder")
-    return [file for file in sorted(root.rglob("*.toml")) if "title" in _read_toml(file)]
+        raise DefinitionError(f"there is no folder {str(root)!r}")
+    return [file for file in sorted(root.rglob("*.toml")) if file.is_file() and _is_problem(file)]
+
+
+def _is_problem(file: Path) -> bool:
+    try:
+        return {"title", "robot"} <= set(_read_toml(file))
+    except DefinitionError:
+        return False
 
 
 def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:
@@ -203,13 +214,15 @@ def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:
 
 def _read_toml(file: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(file.read_bytes().decode("utf-8"))
+        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
     except OSError as error:
         raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise DefinitionError(f"{file} is no text in UTF-8, so no TOML file") from None
     except tomllib.TOMLDecodeError as error:
         raise DefinitionError(f"{file} is no valid TOML, perhaps cut off: {error}") from None
+    except ValueError as error:
+        raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
     except RecursionError:
         raise DefinitionError(f"{file} is nested too deeply to be a robot or problem file") from None
 
@@ -293,31 +306,42 @@ def _tube_index(robot: Robot, tube: Any) -> int:
     raise ValueError(f".tube = {tube!r} must be a tube's name ({', '.join(names)}) or index (0 to {len(names) - 1})")
 
 
-def _expected(file: Path, values: dict[str, Any]) -> dict[str, Any]:
+def _expected(file: Path, robot: Robot, values: dict[str, Any]) -> dict[str, Any]:
     for name, tolerance in _TOLERANCES.items():
         if name in values and tolerance not in values:
             raise DefinitionError(f"{file}: expected.{name} is given without expected.{tolerance}")
+        if tolerance in values:
+            _at(file, "expected", partial(number, values[tolerance], tolerance, above=0.0))
+    if len(values.get("base_torsions", robot.tubes)) != len(robot.tubes):
+        raise DefinitionError(f"{file}: expected.base_torsions must have {len(robot.tubes)} entries, one for each tube")
     return values
 
 
 def read_csv(file: Path, columns: int) -> Array:
     """A table of numbers in SI, comma-separated, ``#`` before comments; ``(rows, columns)``."""
     try:
-        rows = [line.split("#")[0].strip() for line in file.read_text("utf-8").splitlines()]
+        rows = [line.split("#")[0].strip() for line in file.read_text("utf-8-sig").splitlines()]
     except OSError as error:
         raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise DefinitionError(f"{file} is no text in UTF-8, so no CSV file") from None
+    except ValueError as error:
+        raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
     table = []
-    for number, row in enumerate(rows, start=1):
+    for line, row in enumerate(rows, start=1):
         if not row:
             continue
         try:
             entries = [float(entry) for entry in row.split(",")]
         except ValueError:
-            raise DefinitionError(f"{file}: line {number}, {row!r}, must be {columns} numbers with commas") from None
+            raise DefinitionError(
+                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} numbers with commas, "
+                "or a comment behind a #"
+            ) from None
         if len(entries) != columns or not np.all(np.isfinite(entries)):
-            raise DefinitionError(f"{file}: line {number}, {row!r}, must be {columns} finite numbers with commas")
+            raise DefinitionError(
+                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} finite numbers with commas"
+            )
         table.append(entries)
     if not table:
         raise DefinitionError(f"{file} holds no numbers, but must hold lines of {columns}")

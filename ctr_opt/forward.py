@@ -15,9 +15,9 @@ from .robot.checks import array, choice, number
 from .robot.loads import LOADS, Load
 from .robot.robot import Robot
 from .solvers.status import SolveStatus
-from .strategy import METHODS, Method, Run, Settings
+from .strategy import METHODS, Method, Run, Settings, refuse_moments
 from .transcription.collocation import Collocation
-from .transcription.integrators import runge_kutta
+from .transcription.integrators import INTEGRATORS
 
 
 class ForwardProblem:
@@ -71,11 +71,13 @@ class ForwardProblem:
         if method is not None and not isinstance(method, allowed):
             names = " or ".join(kind.__name__ for kind in allowed)
             raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")
+        if not isinstance(transcription, (Collocation, type(None))):
+            raise DefinitionError(f"transcription = {transcription!r} must be a Collocation")
         self.settings = Settings(
             formulation,
             allowed[0]() if method is None else method,
             number(tolerance, "tolerance", least=1e-11, most=1e-2),
-            runge_kutta(integrator).name,
+            choice(integrator, "integrator", INTEGRATORS),
             Collocation() if transcription is None else transcription,
         )
 
@@ -107,13 +109,26 @@ class ForwardProblem:
         SolveError
             No equilibrium was found: what was tried, how far it got, what to do; ``.result`` is the failed result.
         """
-        configuration = Configuration(self.robot, actuation, _as_loads(loads))
+        configuration = self.check(actuation, loads)
         if initial is not None:
             _check_initial(initial, configuration)
         result = Run(self.settings, configuration).solve(initial)
         if throw and not result.converged:
             raise SolveError(result.message, result)
         return result
+
+    def check(self, actuation: Actuation, loads: Sequence[Load] = ()) -> Configuration:
+        """Check actuation and loads without solving; returns them as numbers along the arc length.
+
+        Raises
+        ------
+        DefinitionError
+            As :meth:`solve`.
+        """
+        configuration = Configuration(self.robot, actuation, _as_loads(loads))
+        if self.settings.formulation == "energy":
+            refuse_moments(configuration)
+        return configuration
 
     def guess(
         self,

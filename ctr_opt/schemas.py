@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -28,9 +29,9 @@ class Quantity(fields.Field[Any]):
             try:
                 return to_si(value, self.unit)
             except ValueError as error:
-                raise ValidationError(f"{where} = {value!r} {error}") from None
+                raise ValidationError(f"{where} = {reprlib.repr(value)} {error}") from None
         if not isinstance(value, list):
-            raise ValidationError(f"{where} = {value!r} must be a list{_of(shape[0])}")
+            raise ValidationError(f"{where} = {reprlib.repr(value)} must be a list{_of(shape[0])}")
         if shape[0] is not None and len(value) != shape[0]:
             raise ValidationError(f"{where} has {len(value)} entries, but must have {shape[0]}")
         return [self._convert(entry, shape[1:], f"{where}[{k}]") for k, entry in enumerate(value)]
@@ -48,7 +49,7 @@ class Strict(Schema):
     def refuse_unknown(self, data: Any, **_: Any) -> Any:
         """Refuse what is no table, and keys that no field has."""
         if not isinstance(data, dict):
-            raise ValidationError({"": [f" = {data!r} must be a table of keys and values"]})
+            raise ValidationError({"": [f" = {reprlib.repr(data)} must be a table of keys and values"]})
         known = [field.data_key or name for name, field in self.fields.items()]
         for key in data:
             if key not in known:
@@ -106,7 +107,7 @@ class TubeSchema(Strict):
     inner_diameter = Quantity("m", required=True)
     youngs_modulus = Quantity("Pa")
     shear_modulus = Quantity("Pa")
-    poisson_ratio = fields.Raw()
+    poisson_ratio = Quantity("1")
     density = Quantity("kg/m^3")
     bending_stiffness = Quantity("N*m^2")
     torsional_stiffness = Quantity("N*m^2")
@@ -116,7 +117,7 @@ class TubeSchema(Strict):
 class BaseSchema(Strict):
     """``[base]``: the pose of the entry point."""
 
-    pose = fields.Raw(required=True)
+    pose = Quantity("1", 4, 4, required=True)
 
 
 class SourceSchema(Strict):
@@ -201,7 +202,7 @@ class SolverSchema(Strict):
     """``[solver]``: arguments of ``ForwardProblem``."""
 
     formulation = _text()
-    tolerance = fields.Raw()
+    tolerance = Quantity("1")
     integrator = _text()
 
 
@@ -211,8 +212,8 @@ class ExpectedSchema(Strict):
     text = _text(required=True)
     tip_position = Quantity("m", 3)
     position_tolerance = Quantity("m")
-    tip_direction = fields.Raw()
-    direction_tolerance = fields.Raw()
+    tip_direction = Quantity("1", 3)
+    direction_tolerance = Quantity("1")
     base_torsions = Quantity("1/m", None)
     torsion_tolerance = Quantity("1/m")
 
@@ -256,7 +257,7 @@ def load_checked(schema: type[Schema], data: Any) -> dict[str, Any]:
 def load_kind(schemas: Mapping[str, type[Schema]], data: Any) -> tuple[str, dict[str, Any]]:
     """The same for a table whose ``kind`` names its schema."""
     if not isinstance(data, dict):
-        raise ValueError(f" = {data!r} must be a table with a kind")
+        raise ValueError(f" = {reprlib.repr(data)} must be a table with a kind")
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in schemas:
         near = difflib.get_close_matches(str(kind), schemas, n=1, cutoff=0.5)

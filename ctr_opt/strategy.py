@@ -17,7 +17,7 @@ from .errors import DefinitionError
 from .mechanics.sections import Configuration
 from .robot.checks import Array
 from .solvers.accuracy import ALONG_FAMILY, NEARBY, Estimate, estimate_error
-from .solvers.homotopy import Homotopy, trace
+from .solvers.homotopy import Homotopy, regular_between, trace
 from .solvers.ipopt import Ipopt, IpoptSolver
 from .solvers.minimum import Minimum, minimize
 from .solvers.newton import Newton, Solution, System, newton
@@ -97,8 +97,7 @@ class Run:
                 result = self._energy(initial)
             else:
                 shooting = self._setup(lambda: self._shooting(self.configuration))
-                reached = self._cold(shooting) if initial is None else self._from(initial, shooting)
-                result = self._refined(reached)
+                result = self._cold(shooting) if initial is None else self._refined(self._from(initial, shooting))
         except _Failed as failure:
             result = self._failure(failure)
         _LOG.info("%s: %s, %d iterations", result.path, result.status.description, self.iterations)
@@ -106,25 +105,32 @@ class Run:
 
     # -- strategies ------------------------------------------------------------------------------------------------
 
-    def _cold(self, shooting: Shooting) -> _Reached:
+    def _cold(self, shooting: Shooting) -> Equilibrium:
         """From nothing but the configuration."""
         zero, method = np.zeros(shooting.unknowns), self.settings.method
         if isinstance(method, Newton):
-            return self._newton(shooting, zero, method, "newton")
-        forces = _forces_only(self.configuration)
-        ways: list[Callable[[], _Reached]] = [lambda: self._homotopy(shooting)]
-        if self.settings.formulation == "automatic" and forces is self.configuration:
-            ways += [lambda: self._through_energy(forces)]
-        ways += [lambda: self._loads_first(shooting), lambda: self._curvature_first(shooting)]
-        if self.settings.formulation == "automatic" and forces is not self.configuration:
-            ways += [lambda: self._moments_last(shooting, self._through_energy(forces))]
+            return self._refined(self._newton(shooting, zero, method, "newton"))
         failures: list[_Failed] = []
-        for way in ways:
+        for way in self._ways(shooting):
             try:
                 return way()
             except _Failed as failure:
                 failures.append(failure)
         raise failures[-1].after(failures[:-1])
+
+    def _ways(self, shooting: Shooting) -> list[Callable[[], Equilibrium]]:
+        """The ways to a cold answer, the fastest first."""
+        together = [lambda: self._refined(self._homotopy(shooting))]
+        apart = [
+            lambda: self._refined(self._loads_first(shooting)),
+            lambda: self._refined(self._curvature_first(shooting)),
+        ]
+        if self.settings.formulation != "automatic":
+            return together + apart
+        forces = _forces_only(self.configuration)
+        if forces is self.configuration:
+            return [*together, self._by_energy, *apart]
+        return [*together, *apart, lambda: self._refined(self._moments_last(shooting, self._through_energy(forces)))]
 
     def _homotopy(self, shooting: Shooting) -> _Reached:
         zero = np.zeros(shooting.unknowns)
@@ -142,11 +148,22 @@ class Run:
         z = curved.solution.z
         return self._trace(shooting, lambda x: shooting.scaled(x, x, 1.0), z, "homotopy in loads")
 
+    def _by_energy(self) -> Equilibrium:
+        """A minimum of the energy, polished by Newton's method or, where that fails, in its own discretization."""
+        found = self._minimum(self.configuration, None, "energy")
+        try:
+            return self._refined(self._polished(*found))
+        except _Failed:
+            return self._energy(None)
+
     def _through_energy(self, forces: Configuration) -> _Reached:
-        """A minimum of the energy under forces alone, solved to the end by Newton's method."""
-        energy, minimum = self._minimum(forces, None)
+        return self._polished(*self._minimum(forces, None, "energy"))
+
+    def _polished(self, energy: EnergyProblem, minimum: Minimum) -> _Reached:
+        """The same minimum as a solution of the boundary-value problem."""
         _, z = energy.recover(minimum.point.x, minimum.point.multipliers)
-        reached = self._newton(self._shooting(forces), z, NEARBY if minimum.stable else ALONG_FAMILY, "newton")
+        method = NEARBY if minimum.stable else ALONG_FAMILY
+        reached = self._newton(self._shooting(energy.configuration), z, method, "newton")
         moved = np.linalg.norm(reached.solution.z - z)
         return attrs.evolve(reached, stable=bool(minimum.stable and moved <= _SAME * (1.0 + np.linalg.norm(z))))
 
@@ -158,7 +175,12 @@ class Run:
         """From another equilibrium: by Newton's method and, failing that, along the route from its configuration."""
         moments, unit = initial.last_iterate.vector, self.configuration.scales.moment
         try:
-            return self._newton(shooting, moments / unit, NEARBY, "newton from initial")
+            reached = self._newton(shooting, moments / unit, NEARBY, "newton from initial")
+            if initial.jacobian is None or regular_between(initial.jacobian, reached.solution.jacobian):
+                return reached
+            self.path[-1] += " (perhaps another branch)"
+            message = "newton from initial: the Jacobian may have been singular on the way"
+            first = _Failed(SolveStatus.STALLED, message, reached.solution.z)
         except _Failed as failure:
             first = failure
         route = Route(initial.configuration, self.configuration, self.settings.integrator)
@@ -181,11 +203,11 @@ class Run:
 
     def _energy(self, initial: Equilibrium | None) -> Equilibrium:
         """By minimum energy, in its own discretization."""
-        _refuse_moments(self.configuration)
-        shape = initial.shape if initial is not None and initial.converged else None
+        shape = None if initial is None else self._shape_of(initial)
         last = np.inf
         for k in range(_REFINEMENTS):
-            energy, minimum = self._minimum(self.configuration, shape, 2**k)
+            name = "energy" if initial is None or k else "energy from initial"
+            energy, minimum = self._minimum(self.configuration, shape, name, 2**k)
             nodes, z = energy.recover(minimum.point.x, minimum.point.multipliers)
             shooting = Shooting(self.configuration, energy.mesh, self.settings.integrator)
             solution = Solution(z, *shooting.linearize(z), 0, True)
@@ -197,6 +219,17 @@ class Run:
             last = estimate.error
             shape = Shape(self.configuration, energy.mesh, nodes, self.settings.integrator)
         raise self._inaccurate(z, estimate)
+
+    def _shape_of(self, initial: Equilibrium) -> Shape:
+        """The shape of an equilibrium, or the one that a guess of the moments at the base stands for."""
+        if initial.converged:
+            return initial.shape
+        shooting = self._shooting(initial.configuration)
+        z = initial.last_iterate.vector / initial.configuration.scales.moment
+        nodes, _ = shooting.sweep(z)
+        if not np.all(np.isfinite(nodes.left)):
+            raise _Failed(SolveStatus.STALLED, "the guess stands for no finite shape", z)
+        return Shape(initial.configuration, shooting.mesh, nodes, self.settings.integrator)
 
     # -- steps -----------------------------------------------------------------------------------------------------
 
@@ -223,9 +256,9 @@ class Run:
         return _Reached(shooting, found.solution)
 
     def _minimum(
-        self, configuration: Configuration, shape: Shape | None, refinement: int = 1
+        self, configuration: Configuration, shape: Shape | None, name: str, refinement: int = 1
     ) -> tuple[EnergyProblem, Minimum]:
-        self.path.append("energy")
+        self.path.append(name)
         settings = self.settings
         method = settings.method if isinstance(settings.method, Ipopt) else Ipopt()
 
@@ -289,7 +322,7 @@ class Run:
             residual_norm=reached.solution.residual_norm,
             discretization_error=estimate.error * self.configuration.scales.length,
             stability_checked=reached.stable,
-            determinant=float(np.linalg.det(reached.solution.jacobian)),
+            jacobian=reached.solution.jacobian,
         )
         shape = Shape(self.configuration, reached.shooting.mesh, nodes, self.settings.integrator)
         return Equilibrium(self.configuration, self._base(reached.solution.z), outcome, shape)
@@ -309,6 +342,7 @@ class Run:
 
     def _base(self, z: Array) -> BaseMoments:
         moments = z * self.configuration.scales.moment
+        moments.setflags(write=False)
         return BaseMoments(moments[:2], moments[2:])
 
     def _shooting(self, configuration: Configuration) -> Shooting:
@@ -326,7 +360,8 @@ def _solver(tubes: int, degree: int, steps: int, method: Ipopt) -> IpoptSolver:
     return IpoptSolver(energy_transcription(tubes, degree, steps).nlp, method)
 
 
-def _refuse_moments(configuration: Configuration) -> None:
+def refuse_moments(configuration: Configuration) -> None:
+    """Moments have no potential: the energy formulation takes forces only."""
     for k, load in enumerate(configuration.loads):
         if load.has_moment:
             raise DefinitionError(

@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     import pint
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S.*)?")
-_UNIT = re.compile(r"[A-Za-zµμ°0-9 */^().+-]{1,40}")
+_NAME = r"[A-Za-zµμ°]{1,20}(?:\s*(?:\^|\*\*)\s*-?[1-4])?"
+_UNIT = re.compile(rf"(?:1\s*/\s*)?{_NAME}(?:\s*[*/ ]\s*{_NAME}){{0,5}}")
 _COMMON = (
     "m",
     "mm",
@@ -31,6 +32,7 @@ _COMMON = (
     "N/m",
     "N/mm",
 )
+_ANGLES = ("radian", "degree", "turn", "grade", "arcminute", "arcsecond")
 _KINDS = {
     "m": "a length, like '1.75 mm'",
     "rad": "an angle, like '30 deg'",
@@ -43,6 +45,7 @@ _KINDS = {
     "kg/m^3": "a density, like '6450 kg/m^3'",
     "kg": "a mass, like '2 g'",
     "kg/m": "a mass per length, like '0.3 kg/m'",
+    "1": "a number",
     "m/s^2": "an acceleration, like '9.81 m/s^2'",
     "N*m^2": "a stiffness, like '0.02 N*m^2'",
 }
@@ -60,17 +63,21 @@ def to_si(value: Any, unit: str) -> float:
         raise ValueError(f"must be {_KINDS[unit]}, or a number in {unit}")
     if not isinstance(value, str):
         return _finite(value, unit)
+    if unit == "1":
+        raise ValueError("must be a number")
     match = _NUMBER.fullmatch(value)
     if match is None:
         raise ValueError(f"must be {_KINDS[unit]}, or a number in {unit}")
     number, text = float(match[1]), match[2]
     if text is None:
         return _finite(number, unit)
+    if text.startswith(","):
+        raise ValueError("has a comma where a number has a point")
     return _finite(number * _factor(text.strip(), unit), unit)
 
 
 def _finite(value: float, unit: str) -> float:
-    if not abs(value) < 1e100:
+    if not abs(value) < 1e30:
         raise ValueError(f"must be a finite number in {unit}")
     return float(value)
 
@@ -96,13 +103,9 @@ def _factor(text: str, unit: str) -> float:
         raise ValueError(f"must be {_KINDS[unit]}, but {text!r} is none of its units") from None
     except Exception:
         raise ValueError(f"has no unit that is known: {text!r}{_nearest(text)}") from None
-    if unit == "rad" and given.dimensionless and not {"radian", "degree"} & {str(u) for u in _roots(given)}:
+    if unit == "rad" and not set(_ANGLES) & {name.removeprefix("milli").removeprefix("micro") for name in given._units}:
         raise ValueError(f"must be {_KINDS[unit]}, but {text!r} is none of its units")
     return factor
-
-
-def _roots(unit: Any) -> list[str]:
-    return [name.removeprefix("milli").removeprefix("micro") for name in unit._units]
 
 
 def _nearest(text: str) -> str:

@@ -17,6 +17,8 @@ def check_output(path: Path, suffixes: tuple[str, ...]) -> None:
         raise DefinitionError(f"output = {str(path)!r} must end in {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
+    if path.is_dir() or not os.access(path.parent, os.W_OK):
+        raise DefinitionError(f"{path} cannot be written")
 
 
 def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
@@ -26,8 +28,8 @@ def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
         os.close(handle)
-    except OSError as error:
-        raise DefinitionError(f"{path} cannot be written: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:
+        raise DefinitionError(f"{str(path)!r} cannot be written: {error}") from None
     part = Path(name)
     try:
         write(part)

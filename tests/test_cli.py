@@ -49,6 +49,28 @@ def test_list_shows_source_and_expected_value():
         assert word in result.output
 
 
+def test_list_goes_on_past_files_it_cannot_read(tmp_path):
+    assert "no problem files" in run("list", str(tmp_path)).output
+    (tmp_path / "broken.toml").write_text("[[")
+    (tmp_path / "blog.toml").write_text('title = "x"')
+    (tmp_path / "wrong.toml").write_text('title = "x"\nrobot = "none.toml"')
+    (tmp_path / "folder.toml").mkdir()
+    result = run("list", str(tmp_path))
+    assert result.exit_code == 0
+    assert "wrong.toml" in result.output
+    assert "not readable" in result.output
+
+
+def test_an_answer_that_is_not_as_expected_ends_with_code_1(tmp_path):
+    folder = Path("problems/single_rod")
+    text = (folder / "cantilever.toml").read_text().replace("20 N", "21 N")
+    (tmp_path / "problem.toml").write_text(text)
+    (tmp_path / "straight_rod.toml").write_text((folder / "straight_rod.toml").read_text())
+    result = run("solve", str(tmp_path / "problem.toml"))
+    assert result.exit_code == 1
+    assert "NOT AS EXPECTED" in result.output
+
+
 def test_check_says_what_a_file_holds():
     result = run("check", "problems/rjw_s1/robot.toml")
     assert result.exit_code == 0

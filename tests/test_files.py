@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -138,6 +139,21 @@ def test_nothing_half_written_is_left(tmp_path, solved, monkeypatch):
         ctr.save_shape(solved, path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_byte_order_mark_does_no_harm(tmp_path):
+    (tmp_path / "robot.toml").write_bytes(b"\xef\xbb\xbf" + Path(ROBOT).read_bytes())
+    assert ctr.load_robot(tmp_path / "robot.toml") == ctr.load_robot(ROBOT)
+
+
+def test_values_can_be_hashed_and_results_are_read_only(solved):
+    problem = ctr.load_problem(PROBLEM)
+    assert len({problem.robot, problem.actuation, *problem.loads, *problem.robot.tubes}) == 5
+    for held in (solved.arc_length, solved.last_iterate.bending, solved.last_iterate.torsional):
+        with pytest.raises(ValueError, match="read-only"):
+            held[:] = 0.0
+    assert solved.position([]).shape == (0, 3)
+    assert solved.torsion(0, []).shape == (0,)
 
 
 def test_file_contents_are_never_executed(tmp_path):

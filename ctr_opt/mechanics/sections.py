@@ -20,6 +20,7 @@ from ..robot.checks import Array
 from ..robot.loads import LOADS, DistributedLoad, Load, LoadTable, PointWrench
 from ..robot.robot import Robot
 from ..robot.weights import DistributedMass, Gravity, PointMass
+from .resolution import called, resolve
 
 _SAME_POINT = 1e-12  # of the robot's length: closer break points are one point
 _MOST_STEPS = 200  # beyond what sections need: absurd loads shall fail soon, not fill the memory
@@ -84,6 +85,7 @@ class Configuration:
             self._place(k, load)
         self.break_points = self._break_points()
         self.point_loads = [(self._nearest_break(s), tube, load) for s, tube, load in self.point_loads]
+        self.tube_ends = np.array([self._nearest_break(float(end)) for end in self.tube_ends])
         self.transmission_twist, self._straightening_energy = self._transmission()
 
     def _place(self, k: int, load: Load) -> None:
@@ -136,11 +138,13 @@ class Configuration:
         for tube, translation in zip(self.robot.tubes, self.translations, strict=True):
             points.extend(translation + tube.shape.breaks)
         points.extend(s for s, _, _ in self.point_loads)
-        for start, end, load in self.distributed_loads:
+        for name, (start, end, load) in zip(self._distributed_names, self.distributed_loads, strict=True):
             points.extend((start, end))
-            for density in (load.force, load.moment):
+            for field, density in (("force", load.force), ("moment", load.moment)):
                 if isinstance(density, LoadTable):
                     points.extend(density.arc_length[(density.arc_length > start) & (density.arc_length < end)])
+                elif callable(density):
+                    points.extend(resolve(density, start, end, f"{name}.{field}"))
         inside = np.unique(np.clip(points, 0.0, self.length))
         apart = np.diff(inside, prepend=-np.inf) > _SAME_POINT * self.length
         kept = np.asarray(inside[apart])
@@ -296,23 +300,13 @@ def _density(density: Any, s: Array, middle: Array, field: str) -> Array:
         piece = np.broadcast_to(polynomial.piece(middle)[:, None], s.shape)
         return np.asarray(polynomial(s, piece) * covered[:, None, None])
     if callable(density):
-        return np.array([[_called(density, float(x), field) for x in row] for row in s])
+        return np.array([[called(density, float(x), field) for x in row] for row in s])
     return np.broadcast_to(np.asarray(density), (*s.shape, 3))
-
-
-def _called(density: Any, s: float, field: str) -> Array:
-    try:
-        value = np.asarray(density(s), dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DefinitionError(f"{field}({s:g} m) must return three finite numbers, but failed: {error}") from error
-    if value.shape != (3,) or not np.all(np.isfinite(value)):
-        raise DefinitionError(f"{field}({s:g} m) = {value!r} must be three finite numbers")
-    return value
 
 
 def _largest(density: Any, start: float, end: float) -> float:
     if isinstance(density, LoadTable):
         return float(np.linalg.norm(density.values, axis=1).max())
     if callable(density):
-        return max(float(np.linalg.norm(_called(density, float(s), "load"))) for s in np.linspace(start, end, 9))
+        return max(float(np.linalg.norm(called(density, float(s), "load"))) for s in np.linspace(start, end, 9))
     return float(np.linalg.norm(density))

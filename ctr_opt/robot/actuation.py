@@ -36,8 +36,8 @@ class Actuation:
     array([-0.1 , -0.05])
     """
 
-    rotations: Array = attrs.field(converter=_angles, eq=ARRAY_EQ)
-    translations: Array = attrs.field(converter=_shifts, eq=ARRAY_EQ)
+    rotations: Array = attrs.field(converter=_angles, eq=ARRAY_EQ, hash=False)
+    translations: Array = attrs.field(converter=_shifts, eq=ARRAY_EQ, hash=False)
 
     def __attrs_post_init__(self) -> None:
         if len(self.rotations) != len(self.translations):

@@ -13,6 +13,7 @@ from ..errors import DefinitionError
 Array = NDArray[np.float64]
 ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
 """Equality of a field that holds an array."""
+_LARGEST = 1e30  # in SI: no length, modulus or force is larger, and none overflows
 
 
 def number(
@@ -27,13 +28,13 @@ def number(
     """``value`` as a finite float with ``above < value``, ``least <= value <= most``."""
     allowed = _range(above, least, most, unit)
     try:
-        if isinstance(value, (bool, str)):
+        if isinstance(value, (bool, str, bytes)):
             raise TypeError
         result = float(value)
     except (TypeError, ValueError, OverflowError):
         raise DefinitionError(f"{field} = {value!r} must be {allowed}") from None
     inside = (
-        np.isfinite(result)
+        abs(result) <= _LARGEST
         and (above is None or result > above)
         and (least is None or result >= least)
         and (most is None or result <= most)
@@ -49,14 +50,14 @@ def array(value: Any, field: str, shape: tuple[int | None, ...], *, unit: str = 
         "(" + ", ".join("k" if size is None else str(size) for size in shape) + ("," if len(shape) == 1 else "") + ")"
     )
     try:
-        if isinstance(value, str):
+        if np.asarray(value).dtype.kind not in "iuf":
             raise TypeError
         result = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise DefinitionError(f"{field} = {_short(value)} must be numbers of shape {wanted}") from None
     if result.ndim != len(shape) or any(size not in (None, got) for size, got in zip(shape, result.shape, strict=True)):
         raise DefinitionError(f"{field} has shape {result.shape}, but must have shape {wanted}")
-    bad = np.argwhere(~np.isfinite(result))
+    bad = np.argwhere(~(np.abs(result) <= _LARGEST))
     if len(bad):
         where = ", ".join(str(int(i)) for i in bad[0])
         raise DefinitionError(f"{field}[{where}] = {result[tuple(bad[0])]} must be a finite number{_in(unit)}")

@@ -123,8 +123,8 @@ class PointWrench:
     0
     """
 
-    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_force, eq=ARRAY_EQ)
-    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_moment, eq=ARRAY_EQ)
+    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_force, eq=ARRAY_EQ, hash=False)
+    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_moment, eq=ARRAY_EQ, hash=False)
     arc_length: float | None = attrs.field(default=None, converter=_arc_length)
     tube: int = attrs.field(default=0, converter=_tube)
     frame: str = attrs.field(default="world", converter=_frame)
@@ -151,7 +151,8 @@ class DistributedLoad:
     ----------
     force, moment
         N/m and N m/m, world frame: constant ``(3,)``; or a pair ``(s (k,), values (k, 3))``, interpolated
-        linearly and zero outside; or a function ``s -> (3,)``, smooth inside the interval. The moment about
+        linearly and zero outside; or a function ``s -> (3,)``, of which
+        features narrower than a thousandth of the interval may be missed. The moment about
         the backbone's tangent twists the named tube alone.
     start, end
         ``s`` from the entry point, m; ``end=None``: the named tube's distal end.
@@ -166,8 +167,8 @@ class DistributedLoad:
     True
     """
 
-    force: Density = attrs.field(default=np.zeros(3), converter=_force_density, eq=_DENSITY_EQ)
-    moment: Density = attrs.field(default=np.zeros(3), converter=_moment_density, eq=_DENSITY_EQ)
+    force: Density = attrs.field(default=np.zeros(3), converter=_force_density, eq=_DENSITY_EQ, hash=False)
+    moment: Density = attrs.field(default=np.zeros(3), converter=_moment_density, eq=_DENSITY_EQ, hash=False)
     start: float = attrs.field(default=0.0, converter=_start)
     end: float | None = attrs.field(default=None, converter=_end)
     tube: int = attrs.field(default=0, converter=_tube)

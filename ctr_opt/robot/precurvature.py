@@ -73,7 +73,7 @@ class Arc:
     """
 
     length: float = attrs.field(converter=_length)
-    curvature: Array = attrs.field(converter=_curvature, eq=ARRAY_EQ)
+    curvature: Array = attrs.field(converter=_curvature, eq=ARRAY_EQ, hash=False)
 
     def polynomial(self) -> PiecewisePolynomial:
         """``u*`` along the piece."""
@@ -100,7 +100,7 @@ class PolynomialCurvature:
     """
 
     length: float = attrs.field(converter=_length)
-    coefficients: Array = attrs.field(converter=_coefficients, eq=ARRAY_EQ)
+    coefficients: Array = attrs.field(converter=_coefficients, eq=ARRAY_EQ, hash=False)
 
     def polynomial(self) -> PiecewisePolynomial:
         """``u*`` along the piece."""
@@ -125,8 +125,8 @@ class SampledCurvature:
     0.05
     """
 
-    arc_length: Array = attrs.field(eq=ARRAY_EQ, converter=_sample_points)
-    curvature: Array = attrs.field(eq=ARRAY_EQ, converter=_samples)
+    arc_length: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=_sample_points)
+    curvature: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=_samples)
 
     def __attrs_post_init__(self) -> None:
         samples = len(self.arc_length)

@@ -77,7 +77,7 @@ class Robot:
     """
 
     tubes: tuple[Tube, ...] = attrs.field(converter=_tubes)
-    base_pose: Array = attrs.field(default=None, converter=_pose, eq=ARRAY_EQ)
+    base_pose: Array = attrs.field(default=None, converter=_pose, eq=ARRAY_EQ, hash=False)
     on_overlap: str = attrs.field(default="warn", eq=False, kw_only=True)
 
     def __attrs_post_init__(self) -> None:

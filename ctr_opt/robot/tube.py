@@ -105,6 +105,8 @@ class Tube:
                 "shear_modulus is missing: give it, in Pa, or poisson_ratio with youngs_modulus, "
                 "or torsional_stiffness, in N m^2"
             )
+        for name in ("bending_stiffness", "torsional_stiffness"):
+            number(getattr(self, name), f"{name} of these diameters and moduli", above=0.0, unit="N m^2")
         put("precurvature", as_pieces(self.precurvature))
         put("shape", PiecewisePolynomial.join([piece.polynomial() for piece in self.precurvature]))
 

@@ -53,7 +53,7 @@ class Gravity:
     array([ 0.  ,  0.  , -9.81])
     """
 
-    acceleration: Array = attrs.field(converter=_acceleration, eq=ARRAY_EQ)
+    acceleration: Array = attrs.field(converter=_acceleration, eq=ARRAY_EQ, hash=False)
 
     @property
     def has_moment(self) -> bool:

@@ -7,8 +7,16 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from ..robot.checks import Array
+from ..robot.checks import Array, number
 from .newton import Newton, Solution, System, newton
+
+
+def _in_unit_interval(method: Homotopy, field: attrs.Attribute[float], value: float) -> None:
+    number(value, f"{type(method).__name__}.{field.name}", above=0.0, most=1.0)
+
+
+def _at_least_one(method: Homotopy, field: attrs.Attribute[int], value: int) -> None:
+    number(value, f"{type(method).__name__}.{field.name}", least=1.0)
 
 
 @attrs.frozen
@@ -27,9 +35,9 @@ class Homotopy:
         Steps tried, the failed ones included.
     """
 
-    first_step: float = 0.5
-    smallest_step: float = 1e-5
-    max_steps: int = 400
+    first_step: float = attrs.field(default=0.25, validator=_in_unit_interval)
+    smallest_step: float = attrs.field(default=1e-5, validator=_in_unit_interval)
+    max_steps: int = attrs.field(default=400, validator=_at_least_one)
 
 
 @attrs.frozen(eq=False)
@@ -75,7 +83,7 @@ def trace(
         found = newton(at(target), guess, max(tolerance, 1e-8) if target < 1.0 else tolerance, _CORRECTOR)
         steps += 1
         iterations += found.iterations
-        if not found.converged or not _regular_between(here, found):
+        if not found.converged or not _regular_step(at, here, found, 0.5 * (reached + target)):
             step = 0.5 * (target - reached)
             continue
         before = (reached, here.z)
@@ -85,14 +93,22 @@ def trace(
     return Trace(here, reached, steps, iterations, _smallest(here) < _SINGULAR * widest)
 
 
-def _regular_between(a: Solution, b: Solution) -> bool:
-    """Whether the Jacobian can be taken to have stayed regular from ``a`` to ``b``.
+def _regular_step(at: Callable[[float], System], a: Solution, b: Solution, middle: float) -> bool:
+    """The same for a step, seen at its middle too: what passes zero twice in a step looks regular from its ends."""
+    _, between = at(middle).linearize(0.5 * (a.z + b.z))
+    return regular_between(a.jacobian, between) and regular_between(between, b.jacobian)
+
+
+def regular_between(a: Array, b: Array) -> bool:
+    """Whether a Jacobian can be taken to have stayed regular on its way from ``a`` to ``b``.
 
     An eigenvalue of ``J_a^-1 J_b`` starts at 1 and becomes negative when one of ``J`` passes zero, whatever its
     multiplicity (the sign of the determinant shows only an odd number of them). It must stay within 60 degrees of the
     positive axis, and not grow or shrink much, as what passes zero and comes back has been small in between.
     """
-    values = np.linalg.eigvals(np.linalg.lstsq(a.jacobian, b.jacobian, rcond=None)[0])
+    if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
+        return False
+    values = np.linalg.eigvals(np.linalg.lstsq(a, b, rcond=None)[0])
     size = np.abs(values)
     return bool(np.all((values.real > 0.5 * size) & (size > 1.0 / _CHANGE) & (size < _CHANGE)))
 

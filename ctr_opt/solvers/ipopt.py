@@ -5,17 +5,25 @@ What it says is believed only if the equations hold at the point it returns.
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING, Any
 
 import attrs
 import casadi as ca
 import numpy as np
 
-from ..robot.checks import Array
+from ..robot.checks import Array, number
 from ..transcription.nlp import Nlp
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
+
+
+_LOCK = threading.RLock()  # IPOPT's linear solver is one for the process and not safe in threads
+
+
+def _positive(method: Ipopt, field: attrs.Attribute[Any], value: Any) -> None:
+    number(value, f"{type(method).__name__}.{field.name}", above=0.0)
 
 
 @attrs.frozen
@@ -30,8 +38,8 @@ class Ipopt:
         Iterations allowed.
     """
 
-    tolerance: float = 1e-10
-    max_iterations: int = 100
+    tolerance: float = attrs.field(default=1e-10, validator=_positive)
+    max_iterations: int = attrs.field(default=100, validator=_positive)
 
 
 @attrs.frozen(eq=False)
@@ -57,6 +65,7 @@ class IpoptSolver:
             "print_time": False,
             "error_on_fail": False,
             "calc_lam_p": False,
+            "show_eval_warnings": False,
             "ipopt": {
                 "print_level": 0,
                 "sb": "yes",
@@ -72,8 +81,9 @@ class IpoptSolver:
 
     def solve(self, x: Array, p: Array) -> IpoptPoint:
         """Solve from the guess ``x`` with parameters ``p``."""
-        result = self._solver(x0=x, p=p, lbg=0.0, ubg=0.0)
-        stats = self._solver.stats()
+        with _LOCK:
+            result = self._solver(x0=x, p=p, lbg=0.0, ubg=0.0)
+            stats = self._solver.stats()
         found, residual = result["x"].full()[:, 0], result["g"].full()[:, 0]
         sound = bool(np.all(np.isfinite(found)) and np.abs(residual).max() < 1e3 * self._tolerance)
         return IpoptPoint(
@@ -90,10 +100,11 @@ class IpoptSolver:
         """Hessian of the Lagrangian and Jacobian of the constraints at a point."""
         from scipy.sparse import csc_matrix
 
-        if self._hessian is None:
-            nlp = self.nlp
-            lam = ca.MX.sym("lam", nlp.g.numel())
-            hessian, _ = ca.hessian(nlp.f + ca.dot(lam, nlp.g), nlp.x)
-            self._hessian = ca.Function("derivatives", [nlp.x, nlp.p, lam], [hessian, ca.jacobian(nlp.g, nlp.x)])
-        second, first = self._hessian(point.x, p, point.multipliers)
+        with _LOCK:
+            if self._hessian is None:
+                nlp = self.nlp
+                lam = ca.MX.sym("lam", nlp.g.numel())
+                hessian, _ = ca.hessian(nlp.f + ca.dot(lam, nlp.g), nlp.x)
+                self._hessian = ca.Function("derivatives", [nlp.x, nlp.p, lam], [hessian, ca.jacobian(nlp.g, nlp.x)])
+            second, first = self._hessian(point.x, p, point.multipliers)
         return csc_matrix(second.sparse()), csc_matrix(first.sparse())

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import attrs
 import numpy as np
 
-from ..robot.checks import Array
+from ..robot.checks import Array, number
 from ..transcription.linear import NEGLIGIBLE, newton_correction
 
 
@@ -21,6 +21,10 @@ class System(Protocol):
 
 _ROUNDING = 1e-13  # a correction below, relative to the unknowns, changes nothing but rounding errors ...
 _ROUNDED = 1e-6  # ... which a flexible robot amplifies to residuals up to this
+
+
+def _positive(method: Newton, field: attrs.Attribute[Any], value: Any) -> None:
+    number(value, f"{type(method).__name__}.{field.name}", above=0.0)
 
 
 @attrs.frozen
@@ -40,10 +44,10 @@ class Newton:
         Singular values of the Jacobian below are taken for zero, and no step is made in their directions.
     """
 
-    max_iterations: int = 30
-    contraction: float = 1.0
-    shortest_step: float = 1e-3
-    negligible: float = NEGLIGIBLE
+    max_iterations: int = attrs.field(default=30, validator=_positive)
+    contraction: float = attrs.field(default=1.0, validator=_positive)
+    shortest_step: float = attrs.field(default=1e-3, validator=_positive)
+    negligible: float = attrs.field(default=NEGLIGIBLE, validator=_positive)
 
 
 @attrs.frozen(eq=False)

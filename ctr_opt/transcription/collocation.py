@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import DefinitionError
 from ..mechanics import rod
 from ..mechanics.rod import Local
 from ..mechanics.sections import Configuration
@@ -31,7 +32,12 @@ from .shooting import Nodes, padded
 class Collocation:
     """Collocation at the Gauss-Legendre points; of order ``2 degree`` at the nodes."""
 
-    degree: int = 4
+    degree: int = attrs.field(default=4)
+
+    @degree.validator
+    def _check(self, _: attrs.Attribute[int], value: int) -> None:
+        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 9:
+            raise DefinitionError(f"Collocation.degree = {value!r} must be a whole number from 1 to 9")
 
 
 @cache

@@ -8,7 +8,6 @@ from functools import cache
 import attrs
 import numpy as np
 
-from ..errors import DefinitionError
 from ..mechanics.symbols import SymT
 from ..robot.checks import Array
 
@@ -39,6 +38,9 @@ class RungeKutta:
         return result
 
 
+INTEGRATORS = ("RK4", "RK5", "RK8")
+
+
 @cache
 def runge_kutta(name: str = "RK8") -> RungeKutta:
     """``"RK4"`` (classical), ``"RK5"`` (Dormand-Prince) or ``"RK8"`` (the propagating formula of DOP853)."""
@@ -49,6 +51,4 @@ def runge_kutta(name: str = "RK8") -> RungeKutta:
 
     if name == "RK5":
         return RungeKutta(name, 5, np.asarray(RK45.A), np.asarray(RK45.B), np.asarray(RK45.C))
-    if name == "RK8":
-        return RungeKutta(name, 8, np.asarray(DOP853.A), np.asarray(DOP853.B), np.asarray(DOP853.C))
-    raise DefinitionError(f"integrator = {name!r} must be 'RK4', 'RK5' or 'RK8'")
+    return RungeKutta(name, 8, np.asarray(DOP853.A), np.asarray(DOP853.B), np.asarray(DOP853.C))

@@ -64,7 +64,14 @@ def defect(shooting: Shooting, z: Array, shape: Shape) -> float:
     points = np.column_stack((mesh.mean(axis=1), mesh[:, 1])).ravel()
     positions = shape.at(points, from_left=True).state.position / configuration.length
     parts = State.parts(configuration.tube_count)
-    states, tip = integrate(configuration, shooting.start(z), points)
+    start = shooting.start(z)
+    _, tip = integrate(configuration, start, points)
+    start[parts["force"]] -= tip[
+        parts["force"]
+    ]  # of the loads as this integrator sees them, nothing is left at the tip
+    _, tip = integrate(configuration, start, points)
     correction = newton_correction(shooting.linearize(z)[1], tip[tip_rows(configuration.tube_count)])
-    states, _ = integrate(configuration, shooting.start(z + correction), points)
+    corrected = shooting.start(z + correction)
+    corrected[parts["force"]] = start[parts["force"]]
+    states, _ = integrate(configuration, corrected, points)
     return float(np.linalg.norm(states[parts["position"]] - positions, axis=0).max())

@@ -1,0 +1,107 @@
+"""Which branch an answer lies on: an initial equilibrium is followed, and no step jumps over what it should meet."""
+
+import threading
+
+import numpy as np
+import pytest
+from physics import held, robot, rod, tube
+
+import ctr_opt as ctr
+
+
+def pair(curvature, length=0.2):
+    arc = ctr.Arc(length, float(curvature))
+    return robot(tube("a", arc, 0.005, 0.004), tube("b", arc, 0.005, 0.004))
+
+
+def test_an_initial_equilibrium_is_followed_and_not_jumped_from():
+    """Steps of 30 degrees on a strongly curved pair: plain Newton lands on an unstable branch 177 mm away."""
+    problem, shape = ctr.ForwardProblem(pair(15.0)), None
+    for degrees in (0, 30, 60, 90):
+        actuation = ctr.Actuation([0.0, np.deg2rad(degrees)], [0.0, 0.0])
+        shape = problem.solve(actuation, initial=shape)
+        cold = problem.solve(actuation)
+        assert shape.determinant > 0.0
+        np.testing.assert_allclose(shape.tip_position, cold.tip_position, atol=1e-7 * 0.2 * 2)  # two tolerances
+    assert "continuation" in shape.path
+
+
+@pytest.mark.parametrize("times", [4.0, 20.0, 22.5, 60.0])
+def test_a_column_far_beyond_its_load_does_not_stay_straight(times):
+    """The straight column is regular again beyond each further critical load, and unstable all the same."""
+    load = ctr.PointWrench(force=[0.0, 0.0, -times * np.pi**2 / 4 * 0.02 / 0.2**2])
+    shape = ctr.ForwardProblem(rod(0.2, 0.02, 0.015)).solve(held(), [load])
+    assert np.hypot(*shape.tip_position[:2]) > 0.02
+
+
+@pytest.mark.parametrize("curvature", [60.0, 70.0, 90.0])
+def test_opposed_tubes_far_beyond_their_threshold(curvature):
+    """They snap until they lie side by side; where Newton's method cannot polish the minimum it is kept as it is."""
+    shape = ctr.ForwardProblem(pair(curvature)).solve(ctr.Actuation([0.0, np.pi], [0.0, 0.0]))
+    assert shape.stability_checked
+    relative = shape.tube_angle(1, 0.2) - shape.tube_angle(0, 0.2)
+    assert np.cos(relative) == pytest.approx(1.0, abs=1e-6)  # exp(-L sqrt(lambda)) of a radian is left at the tip
+    assert shape.verify() <= 1e-7 * shape.length
+
+
+def test_the_energy_starts_from_a_guess_as_well():
+    problem = ctr.ForwardProblem(rod(0.2, 0.02, 0.015), formulation="energy")
+    push = [ctr.PointWrench(force=[0.0, 0.0, -2.0 * np.pi**2 / 4 * 0.02 / 0.2**2])]
+    left, right = (
+        problem.solve(held(), push, initial=problem.guess(held(), push, bending=[0.0, sign * 0.2])) for sign in (-1, 1)
+    )
+    assert "energy from initial" in left.path
+    assert left.tip_position[0] == pytest.approx(-right.tip_position[0], abs=1e-7)  # the two ways to buckle in a plane
+    assert abs(left.tip_position[0]) > 0.05
+
+
+def test_threads_may_minimize_at_once():
+    """IPOPT's linear solver is not safe in threads; a lock keeps them apart."""
+    answers, push = [], [ctr.PointWrench(force=[0.3, 0.0, 0.0])]
+
+    def work():
+        problem = ctr.ForwardProblem(rod(0.1), formulation="energy")
+        answers.extend(problem.solve(held(), push).tip_position for _ in range(10))
+
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(answers) == 30
+    assert all(np.array_equal(answer, answers[0]) for answer in answers)
+
+
+@pytest.mark.parametrize("width", [1e-3, 1e-4])
+def test_a_narrow_load_is_seen(width):
+    """A force of 0.5 N spread over a hair is the point force at its middle, but for its width squared."""
+    place, made = 0.0713, rod(0.15, 0.01, 0.008, curvature=8.0)
+    peak = 0.5 / (width * np.sqrt(np.pi))
+    load = ctr.DistributedLoad(force=lambda s: [peak * np.exp(-(((s - place) / width) ** 2)), 0.0, 0.0])
+    spread = ctr.ForwardProblem(made).solve(held(), [load])
+    point = ctr.ForwardProblem(made).solve(held(), [ctr.PointWrench(force=[0.5, 0.0, 0.0], arc_length=place)])
+    np.testing.assert_allclose(spread.internal_force(0.0), [0.5, 0.0, 0.0], atol=1e-6)
+    assert np.linalg.norm(spread.tip_position - point.tip_position) < 20 * width**2 + 2e-7 * 0.15
+    assert spread.verify() <= 1e-7 * spread.length
+
+
+def test_verify_sees_a_load_that_the_steps_missed(monkeypatch):
+    from ctr_opt.mechanics import sections
+
+    monkeypatch.setattr(sections, "resolve", lambda *_: [])
+    peak, made = 0.5 / (2e-3 * np.sqrt(np.pi)), rod(0.15, 0.01, 0.008)
+    load = ctr.DistributedLoad(force=lambda s: [peak * np.exp(-(((s - 0.0713) / 2e-3) ** 2)), 0.0, 0.0])
+    missed = ctr.ForwardProblem(made, tolerance=1e-2).solve(held(), [load], throw=False)
+    if missed.converged and np.linalg.norm(missed.internal_force(0.0) - [0.5, 0.0, 0.0]) > 1e-3:
+        assert missed.verify() > 1e-4
+    else:
+        assert missed.discretization_error > 1e-5 or not missed.converged
+
+
+def test_coincident_tube_ends_are_one_up_to_rounding():
+    """0.3 - 0.1 and 0.25 - 0.05 differ by one unit in the last place; the tip is the innermost tube's all the same."""
+    made = robot(tube("a", ctr.Arc(0.3, 5.0)), tube("b", ctr.Arc(0.25, 3.0)))
+    shape = ctr.ForwardProblem(made).solve(ctr.Actuation([0.3, 0.9], [-0.1, -0.05]))
+    np.testing.assert_array_equal(shape.tip_pose, shape.pose(shape.length, 0))
+    assert np.isfinite(shape.torsion(0, shape.length))
+    assert np.isfinite(shape.torsion(1, shape.length))
