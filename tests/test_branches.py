@@ -85,17 +85,18 @@ def test_a_narrow_load_is_seen(width):
     assert spread.verify() <= 1e-7 * spread.length
 
 
-def test_verify_sees_a_load_that_the_steps_missed(monkeypatch):
+def test_verify_counts_the_force_that_the_steps_missed(monkeypatch):
+    """Without break points for it the steps see 0.4999 N of 0.5 N; the distance to the exact shape tells."""
     from ctr_opt.mechanics import sections
 
-    monkeypatch.setattr(sections, "resolve", lambda *_: [])
     peak, made = 0.5 / (2e-3 * np.sqrt(np.pi)), rod(0.15, 0.01, 0.008)
     load = ctr.DistributedLoad(force=lambda s: [peak * np.exp(-(((s - 0.0713) / 2e-3) ** 2)), 0.0, 0.0])
-    missed = ctr.ForwardProblem(made, tolerance=1e-2).solve(held(), [load], throw=False)
-    if missed.converged and np.linalg.norm(missed.internal_force(0.0) - [0.5, 0.0, 0.0]) > 1e-3:
-        assert missed.verify() > 1e-4
-    else:
-        assert missed.discretization_error > 1e-5 or not missed.converged
+    exact = ctr.ForwardProblem(made, tolerance=1e-9).solve(held(), [load])
+    monkeypatch.setattr(sections, "resolve", lambda *_: [])
+    missed = ctr.ForwardProblem(made, tolerance=1e-3).solve(held(), [load])
+    assert np.linalg.norm(missed.internal_force(0.0) - [0.5, 0.0, 0.0]) > 1e-4
+    error = np.linalg.norm(missed.tip_position - exact.tip_position)
+    assert missed.verify() == pytest.approx(error, rel=0.01)  # the largest distance is at the tip
 
 
 def test_coincident_tube_ends_are_one_up_to_rounding():
