@@ -9,7 +9,8 @@ import attrs
 import numpy as np
 
 from ..errors import DefinitionError
-from .checks import ARRAY_EQ, Array, array, choice, index, number
+from . import places
+from .checks import ARRAY_EQ, Array, array, choice
 from .piecewise import PiecewisePolynomial
 from .weights import DistributedMass, Gravity, PointMass
 
@@ -73,22 +74,6 @@ def _density(value: Any, field: str, unit: str) -> Density:
     return array(value, field, (3,), unit=unit)
 
 
-def _arc_length(value: Any) -> float | None:
-    return None if value is None else number(value, "arc_length", least=0.0, unit="m")
-
-
-def _start(value: Any) -> float:
-    return number(value, "start", least=0.0, unit="m")
-
-
-def _end(value: Any) -> float | None:
-    return None if value is None else number(value, "end", least=0.0, unit="m")
-
-
-def _tube(value: Any) -> int:
-    return index(value, "tube")
-
-
 def _frame(value: Any) -> str:
     return choice(value, "frame", _FRAMES)
 
@@ -125,8 +110,8 @@ class PointWrench:
 
     force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_force, eq=ARRAY_EQ, hash=False)
     moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_moment, eq=ARRAY_EQ, hash=False)
-    arc_length: float | None = attrs.field(default=None, converter=_arc_length)
-    tube: int = attrs.field(default=0, converter=_tube)
+    arc_length: float | None = attrs.field(default=None, converter=places.arc_length)
+    tube: int = attrs.field(default=0, converter=places.tube)
     frame: str = attrs.field(default="world", converter=_frame)
 
     @property
@@ -169,14 +154,13 @@ class DistributedLoad:
 
     force: Density = attrs.field(default=np.zeros(3), converter=_force_density, eq=_DENSITY_EQ, hash=False)
     moment: Density = attrs.field(default=np.zeros(3), converter=_moment_density, eq=_DENSITY_EQ, hash=False)
-    start: float = attrs.field(default=0.0, converter=_start)
-    end: float | None = attrs.field(default=None, converter=_end)
-    tube: int = attrs.field(default=0, converter=_tube)
+    start: float = attrs.field(default=0.0, converter=places.start)
+    end: float | None = attrs.field(default=None, converter=places.end)
+    tube: int = attrs.field(default=0, converter=places.tube)
     frame: str = attrs.field(default="world", converter=_frame)
 
     def __attrs_post_init__(self) -> None:
-        if self.end is not None and self.end <= self.start:
-            raise DefinitionError(f"end = {self.end:g} m must be above start = {self.start:g} m")
+        places.check_interval(self.start, self.end)
 
     @property
     def has_moment(self) -> bool:

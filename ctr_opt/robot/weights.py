@@ -6,8 +6,8 @@ from typing import Any
 
 import attrs
 
-from ..errors import DefinitionError
-from .checks import ARRAY_EQ, Array, array, index, number
+from . import places
+from .checks import ARRAY_EQ, Array, array, number
 
 
 def _acceleration(value: Any) -> Array:
@@ -20,22 +20,6 @@ def _mass(value: Any) -> float:
 
 def _mass_per_length(value: Any) -> float:
     return number(value, "mass_per_length", least=0.0, unit="kg/m")
-
-
-def _arc_length(value: Any) -> float | None:
-    return None if value is None else number(value, "arc_length", least=0.0, unit="m")
-
-
-def _start(value: Any) -> float:
-    return number(value, "start", least=0.0, unit="m")
-
-
-def _end(value: Any) -> float | None:
-    return None if value is None else number(value, "end", least=0.0, unit="m")
-
-
-def _tube(value: Any) -> int:
-    return index(value, "tube")
 
 
 @attrs.frozen
@@ -89,8 +73,8 @@ class PointMass:
     """
 
     mass: float = attrs.field(converter=_mass)
-    arc_length: float | None = attrs.field(default=None, converter=_arc_length)
-    tube: int = attrs.field(default=0, converter=_tube)
+    arc_length: float | None = attrs.field(default=None, converter=places.arc_length)
+    tube: int = attrs.field(default=0, converter=places.tube)
 
     @property
     def has_moment(self) -> bool:
@@ -126,13 +110,12 @@ class DistributedMass:
     """
 
     mass_per_length: float = attrs.field(converter=_mass_per_length)
-    start: float = attrs.field(default=0.0, converter=_start)
-    end: float | None = attrs.field(default=None, converter=_end)
-    tube: int = attrs.field(default=0, converter=_tube)
+    start: float = attrs.field(default=0.0, converter=places.start)
+    end: float | None = attrs.field(default=None, converter=places.end)
+    tube: int = attrs.field(default=0, converter=places.tube)
 
     def __attrs_post_init__(self) -> None:
-        if self.end is not None and self.end <= self.start:
-            raise DefinitionError(f"end = {self.end:g} m must be above start = {self.start:g} m")
+        places.check_interval(self.start, self.end)
 
     @property
     def has_moment(self) -> bool:

@@ -16,7 +16,7 @@ class SolveStatus(Enum):
     GUESS = ("a guess, not solved", "pass it to solve() as `initial`")
     FOLD = (
         "the path from the start ended at a fold or a bifurcation",
-        "no equilibrium continues this branch: reduce the load or the curvature, "
+        "no equilibrium continues this branch: reduce the load or the curvature, use the default formulation, "
         "or start from another equilibrium with `initial`",
     )
     STALLED = (
