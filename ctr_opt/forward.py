@@ -15,7 +15,7 @@ from .robot.checks import array, choice, number
 from .robot.loads import LOADS, Load
 from .robot.robot import Robot
 from .solvers.status import SolveStatus
-from .strategy import METHODS, Method, Run, Settings, refuse_moments
+from .strategy import METHOD_NAMES, METHODS, Method, Run, Settings, refuse_moments
 from .transcription.collocation import Collocation
 from .transcription.integrators import INTEGRATORS
 
@@ -32,7 +32,9 @@ class ForwardProblem:
         ``"equilibrium"``: the Cosserat equations by shooting alone; ``"energy"``: minimum potential energy by
         collocation and IPOPT, which yields a stable shape and takes forces only.
     method
-        ``Homotopy(...)`` (default) or ``Newton(...)`` from zero for ``"equilibrium"``, ``Ipopt(...)`` for ``"energy"``.
+        ``Homotopy(...)`` (default) or ``Newton(...)`` from zero for ``"equilibrium"``, ``Ipopt(...)`` for ``"energy"``;
+        or its name, ``"homotopy"``, ``"newton"``, ``"ipopt"``. With ``"automatic"`` a method of another formulation
+        chooses that one.
     tolerance
         Largest accepted estimated position error divided by the length, 1e-11 to 1e-2; everything else follows from it.
     integrator
@@ -59,7 +61,7 @@ class ForwardProblem:
         robot: Robot,
         *,
         formulation: str = "automatic",
-        method: Method | None = None,
+        method: Method | str | None = None,
         tolerance: float = 1e-7,
         integrator: str = "RK8",
         transcription: Collocation | None = None,
@@ -68,6 +70,11 @@ class ForwardProblem:
             raise DefinitionError(f"robot = {robot!r} must be a Robot")
         self.robot = robot
         allowed = METHODS[choice(formulation, "formulation", tuple(METHODS))]
+        if isinstance(method, str):
+            method = METHOD_NAMES[choice(method, "method", tuple(METHOD_NAMES))]()
+        if method is not None and formulation == "automatic" and not isinstance(method, allowed):
+            formulation = next((name for name, kinds in METHODS.items() if isinstance(method, kinds)), formulation)
+            allowed = METHODS[formulation]
         if method is not None and not isinstance(method, allowed):
             names = " or ".join(kind.__name__ for kind in allowed)
             raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")

@@ -32,6 +32,11 @@ METHODS: dict[str, tuple[type[Newton] | type[Homotopy] | type[Ipopt], ...]] = {
     "equilibrium": (Homotopy, Newton),
     "energy": (Ipopt,),
 }
+METHOD_NAMES: dict[str, type[Newton] | type[Homotopy] | type[Ipopt]] = {
+    "homotopy": Homotopy,
+    "newton": Newton,
+    "ipopt": Ipopt,
+}
 _REFINEMENTS = 7  # times the steps may be halved to reach the tolerance
 _PROGRESS = 0.9  # of the error: a refinement that gains less meets a limit that is not the discretization's
 _SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from

@@ -55,6 +55,17 @@ def test_the_energy_starts_from_a_guess_as_well():
     assert abs(left.tip_position[0]) > 0.05
 
 
+@pytest.mark.parametrize(
+    ("method", "path"), [("newton", "newton"), (ctr.Newton(), "newton"), ("ipopt", "energy"), ("homotopy", "homotopy")]
+)
+def test_a_method_chooses_its_formulation(method, path):
+    push = [ctr.PointWrench(force=[0.3, 0.0, 0.0])]
+    shape = ctr.ForwardProblem(rod(0.1), method=method).solve(held(), push)
+    assert shape.path.startswith(path)
+    with pytest.raises(ctr.DefinitionError, match="method = 'newtn' must be 'homotopy' or 'newton' or 'ipopt'"):
+        ctr.ForwardProblem(rod(), method="newtn")
+
+
 def test_threads_may_minimize_at_once():
     """IPOPT's linear solver is not safe in threads; a lock keeps them apart."""
     answers, push = [], [ctr.PointWrench(force=[0.3, 0.0, 0.0])]
