@@ -17,7 +17,7 @@ from .errors import DefinitionError
 from .mechanics.sections import Configuration
 from .robot.checks import Array
 from .solvers.accuracy import ALONG_FAMILY, NEARBY, Estimate, estimate_error
-from .solvers.homotopy import Homotopy, regular_between, trace
+from .solvers.homotopy import NEUTRAL, Homotopy, regular_between, trace
 from .solvers.ipopt import Ipopt, IpoptSolver
 from .solvers.minimum import Minimum, minimize
 from .solvers.newton import Newton, Solution, System, newton
@@ -180,8 +180,11 @@ class Run:
         """From another equilibrium: by Newton's method and, failing that, along the route from its configuration."""
         moments, unit = initial.last_iterate.vector, self.configuration.scales.moment
         try:
-            reached = self._newton(shooting, moments / unit, NEARBY, "newton from initial")
-            if initial.jacobian is None or regular_between(initial.jacobian, reached.solution.jacobian):
+            jacobian = initial.jacobian
+            neutral = jacobian is not None and np.linalg.svd(jacobian, compute_uv=False)[-1] < NEUTRAL
+            method = ALONG_FAMILY if neutral else NEARBY
+            reached = self._newton(shooting, moments / unit, method, "newton from initial")
+            if jacobian is None or regular_between(jacobian, reached.solution.jacobian):
                 return reached
             self.path[-1] += " (perhaps another branch)"
             message = "newton from initial: the Jacobian may have been singular on the way"

@@ -34,6 +34,19 @@ def test_a_column_far_beyond_its_load_does_not_stay_straight(times):
     assert np.hypot(*shape.tip_position[:2]) > 0.02
 
 
+def test_a_buckled_column_is_followed_in_its_plane():
+    """It may lie in any plane, so the Jacobian is singular along that family; more load bends it on in the same one."""
+    problem, critical = ctr.ForwardProblem(rod(0.2, 0.02, 0.015)), np.pi**2 / 4 * 0.02 / 0.2**2
+    shape = problem.solve(held(), [ctr.PointWrench(force=[0.0, 0.0, -1.15 * critical])])
+    plane = np.arctan2(*shape.tip_position[:2])
+    for times in (1.2, 1.25):
+        further = problem.solve(held(), [ctr.PointWrench(force=[0.0, 0.0, -times * critical])], initial=shape)
+        assert further.path == "newton from initial"
+        assert further.tip_position[2] < shape.tip_position[2]
+        assert np.arctan2(*further.tip_position[:2]) == pytest.approx(plane, abs=1e-3)
+        shape = further
+
+
 @pytest.mark.parametrize("curvature", [60.0, 70.0, 90.0])
 def test_opposed_tubes_far_beyond_their_threshold(curvature):
     """They snap until they lie side by side; where Newton's method cannot polish the minimum it is kept as it is."""

@@ -57,6 +57,9 @@ class Trace:
 
 
 _CORRECTOR = Newton(max_iterations=7, contraction=0.5, shortest_step=1.0)
+NEUTRAL = 1e-6
+"""Singular values of the Jacobian at an equilibrium below belong to a family of equilibria."""
+
 _CHANGE = 4.0  # factor by which an eigenvalue of the Jacobian may change in a step
 _SINGULAR = 0.05  # smallest singular value over the largest seen on the path, at which an end counts as a fold
 
@@ -105,10 +108,13 @@ def regular_between(a: Array, b: Array) -> bool:
     An eigenvalue of ``J_a^-1 J_b`` starts at 1 and becomes negative when one of ``J`` passes zero, whatever its
     multiplicity (the sign of the determinant shows only an odd number of them). It must stay within 60 degrees of the
     positive axis, and not grow or shrink much, as what passes zero and comes back has been small in between.
+    Directions along a family of equilibria, in which ``J_a`` vanishes anyway, are left out.
     """
     if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
         return False
-    values = np.linalg.eigvals(np.linalg.lstsq(a, b, rcond=None)[0])
+    left, sizes, right = np.linalg.svd(a)
+    kept = sizes > NEUTRAL
+    values = np.linalg.eigvals((left.T @ b @ right.T)[np.ix_(kept, kept)] / sizes[kept, None])
     size = np.abs(values)
     return bool(np.all((values.real > 0.5 * size) & (size > 1.0 / _CHANGE) & (size < _CHANGE)))
 
