@@ -144,14 +144,10 @@ def load_problem(path: str | os.PathLike[str]) -> Problem:
     data = _at(file, "", lambda: load_checked(ProblemSchema, _read_toml(file)))
     robot = load_robot(file.parent / data["robot"])
     actuation = _at(file, "actuation", lambda: Actuation(**data["actuation"]))
-    if len(actuation.rotations) != len(robot.tubes):
-        raise DefinitionError(
-            f"{file}: actuation.rotations has {len(actuation.rotations)} entries, "
-            f"but the robot has {len(robot.tubes)} tubes"
-        )
     loads = tuple(_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", [])))
     solver = data.get("solver", {})
-    _at(file, "solver", lambda: ForwardProblem(robot, **solver).check(actuation, loads))
+    forward = _at(file, "solver", lambda: ForwardProblem(robot, **solver))
+    _at(file, "", lambda: forward.check(actuation, loads))
     return Problem(
         file,
         data["title"],

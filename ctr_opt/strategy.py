@@ -17,7 +17,7 @@ from .errors import DefinitionError
 from .mechanics.sections import Configuration
 from .robot.checks import Array
 from .solvers.accuracy import ALONG_FAMILY, NEARBY, Estimate, estimate_error
-from .solvers.homotopy import NEUTRAL, Homotopy, regular_between, trace
+from .solvers.homotopy import Homotopy, family_of, regular_between, trace
 from .solvers.ipopt import Ipopt, IpoptSolver
 from .solvers.minimum import Minimum, minimize
 from .solvers.newton import Newton, Solution, System, newton
@@ -181,10 +181,9 @@ class Run:
         moments, unit = initial.last_iterate.vector, self.configuration.scales.moment
         try:
             jacobian = initial.jacobian
-            neutral = jacobian is not None and np.linalg.svd(jacobian, compute_uv=False)[-1] < NEUTRAL
-            method = ALONG_FAMILY if neutral else NEARBY
-            reached = self._newton(shooting, moments / unit, method, "newton from initial")
-            if jacobian is None or regular_between(jacobian, reached.solution.jacobian):
+            family = 0.0 if jacobian is None else family_of(jacobian)
+            reached = self._newton(shooting, moments / unit, ALONG_FAMILY if family else NEARBY, "newton from initial")
+            if jacobian is None or regular_between(jacobian, reached.solution.jacobian, family):
                 return reached
             self.path[-1] += " (perhaps another branch)"
             message = "newton from initial: the Jacobian may have been singular on the way"

@@ -7,6 +7,7 @@ import pytest
 from physics import held, robot, rod, tube
 
 import ctr_opt as ctr
+from ctr_opt.solvers.homotopy import regular_between
 
 
 def pair(curvature, length=0.2):
@@ -32,6 +33,15 @@ def test_a_column_far_beyond_its_load_does_not_stay_straight(times):
     load = ctr.PointWrench(force=[0.0, 0.0, -times * np.pi**2 / 4 * 0.02 / 0.2**2])
     shape = ctr.ForwardProblem(rod(0.2, 0.02, 0.015)).solve(held(), [load])
     assert np.hypot(*shape.tip_position[:2]) > 0.02
+
+
+def test_a_regular_path_may_not_cross_zero_however_near_it_came():
+    before, behind = np.diag([1.0, 1e-7]), np.diag([1.0, -1e-7])
+    assert regular_between(before, before)
+    assert not regular_between(before, behind)
+    assert not regular_between(np.diag([1.0, 0.0]), behind)
+    assert not regular_between(np.diag([1.0, 1.0]), np.diag([-1.0, -1.0]))  # the determinant does not show this one
+    assert regular_between(before, behind, family=1e-6)  # along a family of equilibria both are rounding
 
 
 def test_a_buckled_column_is_followed_in_its_plane():

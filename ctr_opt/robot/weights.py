@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 import attrs
 
@@ -23,7 +23,21 @@ def _mass_per_length(value: Any) -> float:
 
 
 @attrs.frozen
-class Gravity:
+class _Weight:
+    """What applies forces only."""
+
+    @property
+    def has_moment(self) -> bool:
+        """Whether it applies a moment: never."""
+        return False
+
+    def forces_only(self) -> Self:
+        """The load itself."""
+        return self
+
+
+@attrs.frozen
+class Gravity(_Weight):
     """Gravity: acts on every tube by its density, and on all masses.
 
     Parameters
@@ -39,22 +53,13 @@ class Gravity:
 
     acceleration: Array = attrs.field(converter=_acceleration, eq=ARRAY_EQ, hash=False)
 
-    @property
-    def has_moment(self) -> bool:
-        """Gravity applies none."""
-        return False
-
-    def forces_only(self) -> Gravity:
-        """The load itself."""
-        return self
-
     def times(self, factor: float) -> Gravity:
         """The load multiplied."""
         return Gravity(factor * self.acceleration)
 
 
 @attrs.frozen
-class PointMass:
+class PointMass(_Weight):
     """A mass fixed at a point of a tube; acts only under a :class:`Gravity`.
 
     Parameters
@@ -76,22 +81,13 @@ class PointMass:
     arc_length: float | None = attrs.field(default=None, converter=places.arc_length)
     tube: int = attrs.field(default=0, converter=places.tube)
 
-    @property
-    def has_moment(self) -> bool:
-        """Its weight is a force."""
-        return False
-
-    def forces_only(self) -> PointMass:
-        """The load itself."""
-        return self
-
     def times(self, factor: float) -> PointMass:
         """The load multiplied."""
         return attrs.evolve(self, mass=factor * self.mass)
 
 
 @attrs.frozen
-class DistributedMass:
+class DistributedMass(_Weight):
     """A mass per arc length on a tube; acts only under a :class:`Gravity`.
 
     Parameters
@@ -116,15 +112,6 @@ class DistributedMass:
 
     def __attrs_post_init__(self) -> None:
         places.check_interval(self.start, self.end)
-
-    @property
-    def has_moment(self) -> bool:
-        """Its weight is a force."""
-        return False
-
-    def forces_only(self) -> DistributedMass:
-        """The load itself."""
-        return self
 
     def times(self, factor: float) -> DistributedMass:
         """The load multiplied."""

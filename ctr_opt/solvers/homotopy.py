@@ -77,7 +77,7 @@ def trace(
         return Trace(start, 0.0, 0, iterations, False)
     here, reached, step, steps = start, 0.0, method.first_step, 0
     before: tuple[float, Array] | None = None
-    widest = _smallest(here)
+    widest, family = _smallest(here), family_of(here.jacobian)
     while reached < 1.0 and steps < method.max_steps and step >= method.smallest_step:
         target = min(1.0, reached + step)
         guess = here.z
@@ -86,7 +86,7 @@ def trace(
         found = newton(at(target), guess, max(tolerance, 1e-8) if target < 1.0 else tolerance, _CORRECTOR)
         steps += 1
         iterations += found.iterations
-        if not found.converged or not _regular_step(at, here, found, 0.5 * (reached + target)):
+        if not found.converged or not _regular_step(at, here, found, 0.5 * (reached + target), family):
             step = 0.5 * (target - reached)
             continue
         before = (reached, here.z)
@@ -96,27 +96,35 @@ def trace(
     return Trace(here, reached, steps, iterations, _smallest(here) < _SINGULAR * widest)
 
 
-def _regular_step(at: Callable[[float], System], a: Solution, b: Solution, middle: float) -> bool:
-    """The same for a step, seen at its middle too: what passes zero twice in a step looks regular from its ends."""
-    _, between = at(middle).linearize(0.5 * (a.z + b.z))
-    return regular_between(a.jacobian, between) and regular_between(between, b.jacobian)
-
-
-def regular_between(a: Array, b: Array) -> bool:
+def regular_between(a: Array, b: Array, family: float = 0.0) -> bool:
     """Whether a Jacobian can be taken to have stayed regular on its way from ``a`` to ``b``.
 
     An eigenvalue of ``J_a^-1 J_b`` starts at 1 and becomes negative when one of ``J`` passes zero, whatever its
     multiplicity (the sign of the determinant shows only an odd number of them). It must stay within 60 degrees of the
     positive axis, and not grow or shrink much, as what passes zero and comes back has been small in between.
-    Directions along a family of equilibria, in which ``J_a`` vanishes anyway, are left out.
+    Directions in which ``J_a`` has singular values up to ``family`` are left out: along a family of equilibria it
+    vanishes anyway.
     """
     if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
         return False
     left, sizes, right = np.linalg.svd(a)
-    kept = sizes > NEUTRAL
+    kept = sizes > family
+    if family == 0.0 and not kept.all():
+        return False
     values = np.linalg.eigvals((left.T @ b @ right.T)[np.ix_(kept, kept)] / sizes[kept, None])
     size = np.abs(values)
     return bool(np.all((values.real > 0.5 * size) & (size > 1.0 / _CHANGE) & (size < _CHANGE)))
+
+
+def family_of(jacobian: Array) -> float:
+    """What :func:`regular_between` is to leave out on a path from an equilibrium: nothing where it stands alone."""
+    return NEUTRAL if np.linalg.svd(jacobian, compute_uv=False)[-1] < NEUTRAL else 0.0
+
+
+def _regular_step(at: Callable[[float], System], a: Solution, b: Solution, middle: float, family: float) -> bool:
+    """Regularity over a step, seen at its middle too: what passes zero twice in it looks regular from its ends."""
+    _, between = at(middle).linearize(0.5 * (a.z + b.z))
+    return regular_between(a.jacobian, between, family) and regular_between(between, b.jacobian, family)
 
 
 def _smallest(solution: Solution) -> float:
