@@ -20,6 +20,8 @@ from .files import save_shape as save_shape
 from .forward import ForwardProblem as ForwardProblem
 from .robot.actuation import Actuation as Actuation
 from .robot.curves import precurvature_from_curve as precurvature_from_curve
+from .robot.fields import ExpressionLoad as ExpressionLoad
+from .robot.fields import PotentialLoad as PotentialLoad
 from .robot.loads import DistributedLoad as DistributedLoad
 from .robot.loads import PointWrench as PointWrench
 from .robot.precurvature import Arc as Arc
@@ -35,6 +37,7 @@ from .solvers.homotopy import Homotopy as Homotopy
 from .solvers.ipopt import Ipopt as Ipopt
 from .solvers.newton import Newton as Newton
 from .solvers.status import SolveStatus as SolveStatus
-from .transcription.collocation import Collocation as Collocation
+from .transcription.schemes import Collocation as Collocation
+from .transcription.schemes import MultipleShooting as MultipleShooting
 
 __version__ = "0.1.0"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
+from .mechanics.loading import LoadKind
 from .mechanics.sections import Configuration
 from .robot.actuation import Actuation
 from .robot.checks import Array
@@ -17,15 +18,21 @@ class Route:
     """The configurations between ``start`` and ``target``, all of the target's robot.
 
     Actuation runs linearly from one to the other while the first loads fade and the second grow; a load that would
-    fall off its tube on the way stays at its end.
+    fall off its tube on the way stays at its end. All are stated with the unknowns that ``kind``, the loads of both
+    ends together, asks for.
     """
 
     start: Configuration
     target: Configuration
     integrator: str
 
+    @property
+    def kind(self) -> LoadKind:
+        """What provides for the loads of both ends."""
+        return self.start.kind.joined(self.target.kind)
+
     def at(self, parameter: float) -> System:
-        """The shooting problem at a point of the route, in the target's unit of moment."""
+        """The shooting problem at a point of the route, in the target's units."""
         a, b = self.start.actuation, self.target.actuation
         actuation = Actuation(
             a.rotations + parameter * (b.rotations - a.rotations),
@@ -35,8 +42,11 @@ class Route:
         ends = actuation.translations + np.array([tube.length for tube in robot.tubes])
         loads = [*self.start.loads_on(ends, 1.0 - parameter), *self.target.loads_on(ends, parameter)]
         configuration = Configuration(robot, actuation, loads)
-        shooting = Shooting(configuration, configuration.mesh(), self.integrator)
-        return _Rescaled(shooting, self.target.scales.moment / configuration.scales.moment)
+        shooting = Shooting(configuration, configuration.mesh(), self.integrator, self.kind)
+        own, unit = configuration.scales, self.target.scales
+        units = np.full(shooting.unknowns, unit.moment / own.moment)
+        units[2 + configuration.tube_count :] = unit.force / own.force
+        return _Rescaled(shooting, units)
 
 
 @attrs.frozen(eq=False)
@@ -68,11 +78,11 @@ class _Shifted:
 
 @attrs.frozen(eq=False)
 class _Rescaled:
-    """A problem whose unknowns are given in a unit ``unit`` times its own."""
+    """A problem whose unknowns (and residuals) are given in ``units`` times its own."""
 
     shooting: Shooting
-    unit: float
+    units: Array
 
     def linearize(self, z: Array) -> tuple[Array, Array]:
-        residual, jacobian = self.shooting.linearize(z * self.unit)
-        return residual / self.unit, jacobian
+        residual, jacobian = self.shooting.linearize(z * self.units)
+        return residual / self.units, jacobian * self.units / self.units[:, None]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import DefinitionError, SolveError
-from .mechanics.sections import Configuration
+from .mechanics.sections import Configuration, Scales
 from .robot.actuation import Actuation
 from .robot.checks import Array, index
 from .robot.loads import Load
@@ -30,19 +30,35 @@ _DISPLAY_STEPS = 100  # `arc_length` has at least so many steps
 
 @attrs.frozen(eq=False)
 class BaseMoments:
-    """The unknowns of a shooting problem: what the robot exerts on the entry point, N m.
+    """The unknowns of a shooting problem: what the robot exerts on the entry point.
 
-    ``bending (2,)``: total bending moment at ``s = 0`` in the backbone frame; ``torsional (tubes,)``: each tube's
-    torsional moment at its base.
+    ``bending (2,)``, N m: total bending moment at ``s = 0`` in the backbone frame; ``torsional (tubes,)``, N m: each
+    tube's torsional moment at its base; ``force (3,)``, N: what loads that depend on the shape add to the internal
+    force ``n(0)`` of the dead ones, zero without such loads.
     """
 
     bending: Array
     torsional: Array
+    force: Array = attrs.field(factory=lambda: np.zeros(3))
 
     @property
     def vector(self) -> Array:
-        """Both as one vector."""
+        """The moments as one vector, N m."""
         return np.concatenate((self.bending, self.torsional))
+
+    @classmethod
+    def of(cls, unknowns: Array, scales: Scales, tubes: int) -> BaseMoments:
+        """From dimensionless unknowns, with or without a force."""
+        moments = unknowns[: 2 + tubes] * scales.moment
+        force = unknowns[2 + tubes :] * scales.force if len(unknowns) > 2 + tubes else np.zeros(3)
+        for values in (moments, force):
+            values.setflags(write=False)
+        return cls(moments[:2], moments[2:], force)
+
+    def unknowns(self, scales: Scales, live: bool) -> Array:
+        """As dimensionless unknowns, with a force where loads are ``live``."""
+        moments = np.concatenate((self.bending, self.torsional)) / scales.moment
+        return np.concatenate((moments, self.force / scales.force)) if live else moments
 
 
 @attrs.frozen(eq=False)
@@ -171,17 +187,20 @@ class Equilibrium:
 
     @property
     def determinant(self) -> float:
-        """Determinant of ``d(m_xy, tau)(length) / d(m_xy, tau)(0)``; changes sign at a fold."""
+        """Determinant of :attr:`jacobian`; changes sign at a fold."""
         return float(np.linalg.det(self.jacobian)) if self.jacobian is not None else float("nan")
 
     @property
     def jacobian(self) -> Array | None:
-        """``d(m_xy, tau)(length) / d(m_xy, tau)(0)`` at the solution; None if there is none."""
+        """``d(m_xy, tau)(length) / d(m_xy, tau)(0)`` at the solution, dimensionless; None if there is none.
+
+        Under loads that depend on the shape, ``d(m_xy, tau, n)(length) / d(m_xy, tau, n)(0)``.
+        """
         return self._outcome.jacobian
 
     @property
     def last_iterate(self) -> BaseMoments:
-        """The moments at the base, N m: of the solution, or where a failed solve ended (at the factor ``reached``)."""
+        """Moments (and force) at the base: of the solution, or where a failed solve ended, at ``reached``."""
         return self._base
 
     # -- the shape -----------------------------------------------------------------------------------------------
@@ -289,15 +308,16 @@ class Equilibrium:
 
     @cached_property
     def load_work(self) -> float:
-        """Work of the forces, J: ``sum F . p + integral of f . p``, from the world's origin on.
+        """Work of the conservative loads, J: less their potential.
 
-        Applied moments have no potential and are left out.
+        ``sum F . p + integral of f . p`` of the world-fixed forces, from the world's origin on, less ``V(p)`` of loads
+        given by a potential. Moments, loads in a tube's frame and free expressions have no potential and are left out.
         """
-        return self.shape.force_work
+        return self.shape.load_work
 
     @property
     def potential_energy(self) -> float:
-        """``energy - load_work``, J: what a stable equilibrium under forces minimizes; without applied moments."""
+        """``energy - load_work``, J: what a stable equilibrium under conservative loads minimizes."""
         return self.energy - self.load_work
 
     def timed(self, setup_time: float, solve_time: float) -> Equilibrium:
@@ -319,7 +339,7 @@ class Equilibrium:
         shape = self.shape
         scales = self._configuration.scales
         shooting = Shooting(self._configuration, shape.mesh, shape.integrator)
-        return scales.length * defect(shooting, self._base.vector / scales.moment, shape)
+        return scales.length * defect(shooting, self._base.unknowns(scales, self._configuration.kind.live), shape)
 
     def report(self) -> str:
         """What was solved, how, how well, and what came out."""

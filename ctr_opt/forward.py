@@ -14,10 +14,11 @@ from .robot.actuation import Actuation
 from .robot.checks import array, choice, number
 from .robot.loads import LOADS, Load
 from .robot.robot import Robot
+from .solvers.ipopt import Ipopt
 from .solvers.status import SolveStatus
-from .strategy import METHOD_NAMES, METHODS, Method, Run, Settings, refuse_moments
-from .transcription.collocation import Collocation
+from .strategy import METHOD_NAMES, METHODS, Method, Run, Settings, refuse_nonconservative
 from .transcription.integrators import INTEGRATORS
+from .transcription.schemes import Collocation, MultipleShooting, Transcription
 
 
 class ForwardProblem:
@@ -29,18 +30,19 @@ class ForwardProblem:
         The robot.
     formulation
         ``"automatic"``: homotopy from the straight robot and, where its path ends, minimum energy;
-        ``"equilibrium"``: the Cosserat equations by shooting alone; ``"energy"``: minimum potential energy by
-        collocation and IPOPT, which yields a stable shape and takes forces only.
+        ``"equilibrium"``: the Cosserat equations alone; ``"energy"``: minimum potential energy by IPOPT, which yields
+        a stable shape and takes conservative loads only.
     method
-        ``Homotopy(...)`` (default) or ``Newton(...)`` from zero for ``"equilibrium"``, ``Ipopt(...)`` for ``"energy"``;
-        or its name, ``"homotopy"``, ``"newton"``, ``"ipopt"``. With ``"automatic"`` a method of another formulation
-        chooses that one.
+        For ``"equilibrium"``: ``Homotopy(...)`` (default) or ``Newton(...)`` from zero, which shoot, or ``Ipopt(...)``,
+        which solves a transcription (default where one is given); for ``"energy"``: ``Ipopt(...)``. Or its name,
+        ``"homotopy"``, ``"newton"``, ``"ipopt"``. With ``"automatic"`` a method of another formulation chooses that
+        one.
     tolerance
         Largest accepted estimated position error divided by the length, 1e-11 to 1e-2; everything else follows from it.
     integrator
-        Runge-Kutta method of the shooting: ``"RK8"``, ``"RK5"``, ``"RK4"``.
+        Runge-Kutta method of single and multiple shooting: ``"RK8"``, ``"RK5"``, ``"RK4"``.
     transcription
-        ``Collocation(degree)`` of the energy formulation.
+        What IPOPT solves: ``Collocation(degree, scheme)`` (default) or ``MultipleShooting()``, in either formulation.
 
     Notes
     -----
@@ -64,28 +66,20 @@ class ForwardProblem:
         method: Method | str | None = None,
         tolerance: float = 1e-7,
         integrator: str = "RK8",
-        transcription: Collocation | None = None,
+        transcription: Transcription | None = None,
     ) -> None:
         if not isinstance(robot, Robot):
             raise DefinitionError(f"robot = {robot!r} must be a Robot")
         self.robot = robot
-        allowed = METHODS[choice(formulation, "formulation", tuple(METHODS))]
-        if isinstance(method, str):
-            method = METHOD_NAMES[choice(method, "method", tuple(METHOD_NAMES))]()
-        if method is not None and formulation == "automatic" and not isinstance(method, allowed):
-            formulation = next((name for name, kinds in METHODS.items() if isinstance(method, kinds)), formulation)
-            allowed = METHODS[formulation]
-        if method is not None and not isinstance(method, allowed):
-            names = " or ".join(kind.__name__ for kind in allowed)
-            raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")
-        if not isinstance(transcription, (Collocation, type(None))):
-            raise DefinitionError(f"transcription = {transcription!r} must be a Collocation")
+        if not isinstance(transcription, (Collocation, MultipleShooting, type(None))):
+            raise DefinitionError(f"transcription = {transcription!r} must be a Collocation or a MultipleShooting")
+        formulation, method = _method(formulation, method, transcription)
         self.settings = Settings(
             formulation,
-            allowed[0]() if method is None else method,
+            method,
             number(tolerance, "tolerance", least=1e-11, most=1e-2),
             choice(integrator, "integrator", INTEGRATORS),
-            Collocation() if transcription is None else transcription,
+            transcription or Collocation(),
         )
 
     def solve(
@@ -134,7 +128,7 @@ class ForwardProblem:
         """
         configuration = Configuration(self.robot, actuation, _as_loads(loads))
         if self.settings.formulation == "energy":
-            refuse_moments(configuration)
+            refuse_nonconservative(configuration)
         return configuration
 
     def guess(
@@ -163,6 +157,27 @@ class ForwardProblem:
             array(np.zeros(tubes) if torsional is None else torsional, "torsional", (tubes,), unit="N m"),
         )
         return Equilibrium(configuration, base, Outcome(SolveStatus.GUESS, "guess", "this is a guess, not a solution"))
+
+
+def _method(formulation: Any, method: Any, transcription: Transcription | None) -> tuple[str, Method]:
+    """Formulation and method, each given or following from the other."""
+    allowed = METHODS[choice(formulation, "formulation", tuple(METHODS))]
+    if isinstance(method, str):
+        method = METHOD_NAMES[choice(method, "method", tuple(METHOD_NAMES))]()
+    if method is None:
+        by_default = Ipopt if formulation == "equilibrium" and transcription is not None else allowed[0]
+        return formulation, by_default()
+    if formulation == "automatic" and not isinstance(method, allowed):
+        formulation = next((name for name, kinds in METHODS.items() if isinstance(method, kinds)), formulation)
+        allowed = METHODS[formulation]
+    if not isinstance(method, allowed):
+        names = " or ".join(kind.__name__ for kind in allowed)
+        raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")
+    if formulation == "equilibrium" and transcription is not None and not isinstance(method, Ipopt):
+        raise DefinitionError(
+            f"transcription = {transcription!r} needs method = Ipopt(...): {type(method).__name__} shoots"
+        )
+    return formulation, method
 
 
 def _as_loads(loads: Any) -> tuple[Load, ...]:

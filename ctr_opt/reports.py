@@ -88,8 +88,8 @@ def _energies(equilibrium: Equilibrium) -> list[str]:
         _row("work of the loads", f"{1e3 * equilibrium.load_work:.6f} mJ (forces, from the world's origin on)"),
         _row("potential energy", f"{1e3 * equilibrium.potential_energy:.6f} mJ"),
     ]
-    if any(load.has_moment for load in equilibrium.loads):
-        lines.append("  The applied moments have no potential: neither work nor potential energy accounts for them.")
+    if any(load.nonconservative for load in equilibrium.loads):
+        lines.append("  Some loads have no potential: neither work nor potential energy accounts for them.")
     return lines
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from functools import cache
+from functools import lru_cache
 from time import perf_counter
 from typing import TypeAlias, TypeVar
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from .continuation import Release, Route
 from .equilibrium import BaseMoments, Equilibrium, Outcome
@@ -18,27 +19,32 @@ from .mechanics.sections import Configuration
 from .robot.checks import Array
 from .solvers.accuracy import ALONG_FAMILY, NEARBY, Estimate, estimate_error
 from .solvers.homotopy import Homotopy, family_of, regular_between, trace
-from .solvers.ipopt import Ipopt, IpoptSolver
+from .solvers.ipopt import Ipopt, IpoptPoint, IpoptSolver
 from .solvers.minimum import Minimum, minimize
 from .solvers.newton import Newton, Solution, System, newton
 from .solvers.status import SolveStatus
-from .transcription.collocation import Collocation, EnergyProblem, energy_transcription
+from .transcription.energy import EnergyProblem
+from .transcription.equilibrium_program import EquilibriumProblem
+from .transcription.nlp import Nlp
+from .transcription.schemes import Transcription
 from .transcription.shape import Shape
-from .transcription.shooting import Nodes, Shooting
+from .transcription.shooting import Nodes, Shooting, halved
 
 Method: TypeAlias = Newton | Homotopy | Ipopt
 METHODS: dict[str, tuple[type[Newton] | type[Homotopy] | type[Ipopt], ...]] = {
     "automatic": (Homotopy,),
-    "equilibrium": (Homotopy, Newton),
     "energy": (Ipopt,),
+    "equilibrium": (Homotopy, Newton, Ipopt),
 }
 METHOD_NAMES: dict[str, type[Newton] | type[Homotopy] | type[Ipopt]] = {
     "homotopy": Homotopy,
     "newton": Newton,
     "ipopt": Ipopt,
 }
-_REFINEMENTS = 7  # times the steps may be halved to reach the tolerance
-_PROGRESS = 0.9  # of the error: a refinement that gains less meets a limit that is not the discretization's
+_REFINEMENTS = 7  # times all steps may be halved to reach the tolerance
+_LOCAL_REFINEMENTS = 30  # times some may: loads with kinks are met by ever shorter steps there
+_PROGRESS = 0.9  # of the error: halving all steps and gaining less meets a limit that is not the discretization's
+_MOST_STEPS = 5000  # no mesh has more
 _SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
@@ -52,7 +58,7 @@ class Settings:
     method: Method
     tolerance: float
     integrator: str
-    transcription: Collocation
+    transcription: Transcription
 
     @property
     def residual_tolerance(self) -> float:
@@ -100,6 +106,8 @@ class Run:
         try:
             if self.settings.formulation == "energy":
                 result = self._energy(initial)
+            elif isinstance(self.settings.method, Ipopt):
+                result = self._transcribed(self.settings.method, initial)
             else:
                 shooting = self._setup(lambda: self._shooting(self.configuration))
                 result = self._cold(shooting) if initial is None else self._refined(self._from(initial, shooting))
@@ -115,8 +123,12 @@ class Run:
         zero, method = np.zeros(shooting.unknowns), self.settings.method
         if isinstance(method, Newton):
             return self._refined(self._newton(shooting, zero, method, "newton"))
+        return self._first_of(self._ways(shooting))
+
+    def _first_of(self, ways: list[Callable[[], Equilibrium]]) -> Equilibrium:
+        """The answer of the first way that has one."""
         failures: list[_Failed] = []
-        for way in self._ways(shooting):
+        for way in ways:
             try:
                 return way()
             except _Failed as failure:
@@ -132,10 +144,10 @@ class Run:
         ]
         if self.settings.formulation != "automatic":
             return together + apart
-        forces = _forces_only(self.configuration)
-        if forces is self.configuration:
+        conservative = _conservative_part(self.configuration)
+        if conservative is self.configuration:
             return [*together, self._by_energy, *apart]
-        return [*together, *apart, lambda: self._refined(self._moments_last(shooting, self._through_energy(forces)))]
+        return [*together, *apart, lambda: self._refined(self._rest_last(shooting, self._through_energy(conservative)))]
 
     def _homotopy(self, shooting: Shooting) -> _Reached:
         zero = np.zeros(shooting.unknowns)
@@ -155,14 +167,14 @@ class Run:
 
     def _by_energy(self) -> Equilibrium:
         """A minimum of the energy, polished by Newton's method or, where that fails, in its own discretization."""
-        found = self._minimum(self.configuration, None, "energy")
+        found = self._minimum(self.configuration, self.configuration.mesh(), None, "energy")
         try:
             return self._refined(self._polished(*found))
         except _Failed:
             return self._energy(None)
 
-    def _through_energy(self, forces: Configuration) -> _Reached:
-        return self._polished(*self._minimum(forces, None, "energy"))
+    def _through_energy(self, conservative: Configuration) -> _Reached:
+        return self._polished(*self._minimum(conservative, conservative.mesh(), None, "energy"))
 
     def _polished(self, energy: EnergyProblem, minimum: Minimum) -> _Reached:
         """The same minimum as a solution of the boundary-value problem."""
@@ -172,18 +184,23 @@ class Run:
         moved = np.linalg.norm(reached.solution.z - z)
         return attrs.evolve(reached, stable=bool(minimum.stable and moved <= _SAME * (1.0 + np.linalg.norm(z))))
 
-    def _moments_last(self, shooting: Shooting, forced: _Reached) -> _Reached:
-        z = forced.solution.z
-        return self._trace(shooting, lambda x: shooting.scaled(moment=x), z, "homotopy in moments")
+    def _rest_last(self, shooting: Shooting, conservative: _Reached) -> _Reached:
+        z = np.zeros(shooting.unknowns)
+        z[: len(conservative.solution.z)] = conservative.solution.z
+        return self._trace(shooting, lambda x: shooting.scaled(rest=x), z, "homotopy in loads without potential")
 
     def _from(self, initial: Equilibrium, shooting: Shooting) -> _Reached:
         """From another equilibrium: by Newton's method and, failing that, along the route from its configuration."""
-        moments, unit = initial.last_iterate.vector, self.configuration.scales.moment
+        scales, live = self.configuration.scales, self.configuration.kind.live
         try:
             jacobian = initial.jacobian
             family = 0.0 if jacobian is None else family_of(jacobian)
-            reached = self._newton(shooting, moments / unit, ALONG_FAMILY if family else NEARBY, "newton from initial")
-            if jacobian is None or regular_between(jacobian, reached.solution.jacobian, family):
+            z = initial.last_iterate.unknowns(scales, live)
+            reached = self._newton(shooting, z, ALONG_FAMILY if family else NEARBY, "newton from initial")
+            if jacobian is None:
+                return reached
+            comparable = jacobian.shape == reached.solution.jacobian.shape
+            if comparable and regular_between(jacobian, reached.solution.jacobian, family):
                 return reached
             self.path[-1] += " (perhaps another branch)"
             message = "newton from initial: the Jacobian may have been singular on the way"
@@ -192,12 +209,12 @@ class Run:
             first = failure
         route = Route(initial.configuration, self.configuration, self.settings.integrator)
         try:
-            z = moments / unit
+            z = initial.last_iterate.unknowns(scales, route.kind.live)
             if initial.robot != self.configuration.robot or not initial.converged:
                 start = self._start_of(route, z)
                 z = self._trace(shooting, Release.of(start, z).at, z, "release of the residual").solution.z
             found = self._trace(shooting, route.at, z, "continuation from initial")
-            return self._newton(shooting, found.solution.z, NEARBY, "newton")
+            return self._newton(shooting, found.solution.z[: shooting.unknowns], NEARBY, "newton")
         except _Failed as second:
             raise second.after([first]) from None
 
@@ -210,29 +227,80 @@ class Run:
 
     def _energy(self, initial: Equilibrium | None) -> Equilibrium:
         """By minimum energy, in its own discretization."""
-        shape = None if initial is None else self._shape_of(initial)
-        last = np.inf
-        for k in range(_REFINEMENTS):
-            name = "energy" if initial is None or k else "energy from initial"
-            energy, minimum = self._minimum(self.configuration, shape, name, 2**k)
-            nodes, z = energy.recover(minimum.point.x, minimum.point.multipliers)
-            shooting = Shooting(self.configuration, energy.mesh, self.settings.integrator)
+        method, guess = self.settings.method, initial
+        if guess is None and isinstance(method, Ipopt) and method.start == "homotopy":
+            guess = self._by_homotopy()
+
+        def find(mesh: Array, shape: Shape | None) -> tuple[Nodes, Array, bool]:
+            name = "energy from initial" if shape is not None and initial is not None else "energy"
+            energy, minimum = self._minimum(self.configuration, mesh, shape, name)
+            return *energy.recover(minimum.point.x, minimum.point.multipliers), minimum.stable
+
+        return self._discretized(find, None if guess is None else self._shape_of(guess))
+
+    def _transcribed(self, method: Ipopt, initial: Equilibrium | None) -> Equilibrium:
+        """The equilibrium formulation in its own discretization, solved by IPOPT."""
+        if initial is not None:
+            return self._discretized(self._balance, self._near(initial))
+        guess = None if method.start == "straight" else self._by_homotopy()
+        return self._discretized(self._balance, None if guess is None else guess.shape)
+
+    def _near(self, initial: Equilibrium) -> Shape:
+        """The shape that shooting finds from another equilibrium or, unless the way met a fold, that one's."""
+        try:
+            reached = self._from(initial, self._setup(lambda: self._shooting(self.configuration)))
+        except _Failed as failure:
+            if failure.status is SolveStatus.FOLD:
+                raise
+            return self._shape_of(initial)
+        nodes, _ = reached.shooting.sweep(reached.solution.z)
+        return Shape(self.configuration, reached.shooting.mesh, nodes, self.settings.integrator)
+
+    def _by_homotopy(self) -> Equilibrium | None:
+        """What homotopy finds, or nothing; ``path`` tells."""
+        try:
+            shooting = self._setup(lambda: self._shooting(self.configuration))
+            return self._first_of(self._ways(shooting))
+        except _Failed:
+            return None
+
+    def _balance(self, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array, bool]:
+        """A solution of the transcribed boundary-value problem."""
+        settings = self.settings
+        self.path.append("ipopt")
+        problem = EquilibriumProblem(self.configuration, mesh, settings.transcription, settings.integrator)
+        solver = self._setup(lambda: _solver(problem.program.nlp, _ipopt(settings)))
+        point = solver.solve(problem.straight() if shape is None else problem.like(shape), problem.parameters)
+        self.iterations += point.iterations
+        if not point.converged:
+            self.path[-1] += " (failed)"
+            raise self._not_optimal("ipopt", point, problem.program.nlp)
+        return *problem.recover(point.x), False
+
+    def _discretized(
+        self, find: Callable[[Array, Shape | None], tuple[Nodes, Array, bool]], shape: Shape | None
+    ) -> Equilibrium:
+        """A solution in a discretization of its own, on finer and finer meshes until it meets the tolerance."""
+        mesh, refinement = self.configuration.mesh(), _Refinement(self.settings.tolerance)
+        while True:
+            nodes, z, stable = find(mesh, shape)
+            shooting = Shooting(self.configuration, mesh, self.settings.integrator)
             solution = Solution(z, *shooting.linearize(z), 0, True)
             estimate = estimate_error(shooting, solution, nodes, self.tolerance)
             if estimate.error <= self.settings.tolerance:
-                return self._equilibrium(_Reached(shooting, solution, minimum.stable), nodes, estimate)
-            if estimate.error > _PROGRESS * last:
-                break
-            last = estimate.error
-            shape = Shape(self.configuration, energy.mesh, nodes, self.settings.integrator)
-        raise self._inaccurate(z, estimate)
+                return self._equilibrium(_Reached(shooting, solution, stable), nodes, estimate)
+            where = refinement.next(estimate)
+            if where is None:
+                raise self._inaccurate(z, estimate)
+            shape = Shape(self.configuration, mesh, nodes, self.settings.integrator)
+            mesh = halved(mesh, where)
 
     def _shape_of(self, initial: Equilibrium) -> Shape:
         """The shape of an equilibrium, or the one that a guess of the moments at the base stands for."""
         if initial.converged:
             return initial.shape
         shooting = self._shooting(initial.configuration)
-        z = initial.last_iterate.vector / initial.configuration.scales.moment
+        z = initial.last_iterate.unknowns(initial.configuration.scales, initial.configuration.kind.live)
         nodes, _ = shooting.sweep(z)
         if not np.all(np.isfinite(nodes.left)):
             raise _Failed(SolveStatus.STALLED, "the guess stands for no finite shape", z)
@@ -259,24 +327,20 @@ class Run:
             self.path[-1] += f" (ended at {found.reached:.3g})"
             status = SolveStatus.FOLD if found.singular else SolveStatus.STALLED
             message = f"{name}: {status.description}, at {found.reached:.6g} of the way, after {found.steps} steps"
+            if not found.solution.converged:
+                message += f" ({found.solution.reason})"
             raise _Failed(status, message, found.solution.z, found.reached)
         return _Reached(shooting, found.solution)
 
     def _minimum(
-        self, configuration: Configuration, shape: Shape | None, name: str, refinement: int = 1
+        self, configuration: Configuration, mesh: Array, shape: Shape | None, name: str
     ) -> tuple[EnergyProblem, Minimum]:
         self.path.append(name)
         settings = self.settings
-        method = settings.method if isinstance(settings.method, Ipopt) else Ipopt()
-
-        def build() -> tuple[EnergyProblem, IpoptSolver]:
-            mesh, degree = configuration.mesh(refinement), settings.transcription.degree
-            energy = EnergyProblem(configuration, mesh, settings.transcription)
-            return energy, _solver(configuration.tube_count, degree, energy.transcription.steps, method)
-
-        energy, solver = self._setup(build)
+        energy = EnergyProblem(configuration, mesh, settings.transcription, settings.integrator)
+        solver = self._setup(lambda: _solver(energy.program.nlp, _ipopt(settings)))
         guess = energy.straight() if shape is None else energy.like(shape)
-        found = minimize(solver, energy, energy.transcription.free, guess)
+        found = minimize(solver, energy, energy.program.free, guess)
         self.iterations += found.iterations
         if found.descents:
             self.path[-1] += f" ({found.descents} saddle{'s' if found.descents > 1 else ''} left)"
@@ -288,37 +352,45 @@ class Run:
         return energy, found
 
     def _no_minimum(self, energy: EnergyProblem, found: Minimum) -> _Failed:
-        zero = np.zeros(2 + self.configuration.tube_count)
-        if found.inertia is not None:
-            message = (
-                f"energy: the second variation has the smallest eigenvalue {found.inertia.smallest:.2g} "
-                f"after {found.descents} descents"
-            )
-            return _Failed(SolveStatus.NO_MINIMUM, message, zero)
-        residual = np.nan_to_num(np.abs(found.point.residual), nan=np.inf)
+        if found.inertia is None:
+            return self._not_optimal("energy", found.point, energy.program.nlp)
+        message = (
+            f"energy: the second variation has the smallest eigenvalue {found.inertia.smallest:.2g} "
+            f"after {found.descents} descents"
+        )
+        return _Failed(SolveStatus.NO_MINIMUM, message, self._nothing())
+
+    def _not_optimal(self, name: str, point: IpoptPoint, nlp: Nlp) -> _Failed:
+        residual = np.nan_to_num(np.abs(point.residual), nan=np.inf)
         worst = int(residual.argmax())
         message = (
-            f"energy: IPOPT says {found.point.message!r} after {found.point.iterations} iterations; "
-            f"largest defect {residual[worst]:.2g} in {energy.transcription.nlp.describe_constraint(worst)}"
+            f"{name}: IPOPT says {point.message!r} after {point.iterations} iterations; "
+            f"largest defect {residual[worst]:.2g} in {nlp.describe_constraint(worst)}"
         )
-        return _Failed(SolveStatus.OPTIMIZER_FAILED, message, zero)
+        return _Failed(SolveStatus.OPTIMIZER_FAILED, message, self._nothing())
+
+    def _nothing(self) -> Array:
+        return np.zeros(2 + self.configuration.tube_count)
 
     # -- results ---------------------------------------------------------------------------------------------------
 
     def _refined(self, reached: _Reached) -> Equilibrium:
-        """Halve the steps until the estimated error meets the tolerance."""
-        last = np.inf
-        for _ in range(_REFINEMENTS):
+        """Cut steps in two until the estimated error meets the tolerance."""
+        refinement = _Refinement(self.settings.tolerance)
+        while True:
             nodes, _ = reached.shooting.sweep(reached.solution.z)
             estimate = estimate_error(reached.shooting, reached.solution, nodes, self.tolerance)
             if estimate.error <= self.settings.tolerance:
                 return self._equilibrium(reached, nodes, estimate)
-            solution = newton(estimate.finer, estimate.z, self.tolerance, NEARBY)
-            self.iterations += solution.iterations
-            if not solution.converged or estimate.error > _PROGRESS * last:
+            where = refinement.next(estimate)
+            if where is None:
                 break
-            last = estimate.error
-            reached = _Reached(estimate.finer, solution, reached.stable)
+            finer = estimate.finer if where.all() else reached.shooting.refined(where)
+            solution = newton(finer, estimate.z, self.tolerance, NEARBY)
+            self.iterations += solution.iterations
+            if not solution.converged:
+                break
+            reached = _Reached(finer, solution, reached.stable)
         raise self._inaccurate(reached.solution.z, estimate)
 
     def _equilibrium(self, reached: _Reached, nodes: Nodes, estimate: Estimate) -> Equilibrium:
@@ -348,9 +420,7 @@ class Run:
         return _Failed(SolveStatus.INACCURATE, message, z)
 
     def _base(self, z: Array) -> BaseMoments:
-        moments = z * self.configuration.scales.moment
-        moments.setflags(write=False)
-        return BaseMoments(moments[:2], moments[2:])
+        return BaseMoments.of(z, self.configuration.scales, self.configuration.tube_count)
 
     def _shooting(self, configuration: Configuration) -> Shooting:
         return Shooting(configuration, configuration.mesh(), self.settings.integrator)
@@ -362,24 +432,51 @@ class Run:
         return built
 
 
-@cache
-def _solver(tubes: int, degree: int, steps: int, method: Ipopt) -> IpoptSolver:
-    return IpoptSolver(energy_transcription(tubes, degree, steps).nlp, method)
+class _Refinement:
+    """Which steps to cut next, until it is of no use."""
+
+    def __init__(self, tolerance: float) -> None:
+        self._tolerance = tolerance
+        self._last = np.inf
+        self._whole = self._local = 0
+
+    def next(self, estimate: Estimate) -> NDArray[np.bool_] | None:
+        """The steps that are too long; None to give up."""
+        where = estimate.too_long(self._tolerance)
+        whole = bool(where.all())
+        self._whole += whole
+        self._local += not whole
+        stuck = whole and estimate.error > _PROGRESS * self._last
+        self._last = estimate.error
+        many = len(where) + where.sum() > _MOST_STEPS
+        if stuck or many or not where.any() or self._whole >= _REFINEMENTS or self._local >= _LOCAL_REFINEMENTS:
+            return None
+        return where
 
 
-def refuse_moments(configuration: Configuration) -> None:
-    """Moments have no potential: the energy formulation takes forces only."""
+def _ipopt(settings: Settings) -> Ipopt:
+    return settings.method if isinstance(settings.method, Ipopt) else Ipopt()
+
+
+@lru_cache(maxsize=64)
+def _solver(nlp: Nlp, method: Ipopt) -> IpoptSolver:
+    return IpoptSolver(nlp, method)
+
+
+def refuse_nonconservative(configuration: Configuration) -> None:
+    """The energy formulation takes loads that have a potential."""
     for k, load in enumerate(configuration.loads):
-        if load.has_moment:
+        if load.nonconservative:
             raise DefinitionError(
-                f"loads[{k}] applies a moment, which has no potential: formulation = 'energy' takes forces only; "
-                "use formulation = 'automatic' or 'equilibrium'"
+                f"loads[{k}] ({type(load).__name__}) {load.nonconservative}, which has no potential: "
+                "formulation = 'energy' takes conservative loads only; use formulation = 'automatic' or 'equilibrium'"
             )
 
 
-def _forces_only(configuration: Configuration) -> Configuration:
-    """The configuration without its moments; itself if there are none."""
-    if not any(load.has_moment for load in configuration.loads):
+def _conservative_part(configuration: Configuration) -> Configuration:
+    """The configuration with what of its loads has a potential; itself if that is all."""
+    if not any(load.nonconservative for load in configuration.loads):
         return configuration
-    loads = [load.forces_only() for load in configuration.loads]
+    parts = [load.conservative_part() for load in configuration.loads]
+    loads = [part for part in parts if part is not None]
     return Configuration(configuration.robot, configuration.actuation, loads)

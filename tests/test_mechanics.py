@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 import ctr_opt as ctr
 from ctr_opt.mechanics import constitutive
 from ctr_opt.mechanics.so3 import quaternion_rate, rotation_matrix
-from ctr_opt.transcription.collocation import gauss_legendre
 from ctr_opt.transcription.integrators import runge_kutta
+from ctr_opt.transcription.schemes import tableau
 
 
 def test_the_moment_is_the_derivative_of_the_energy():
@@ -58,12 +58,15 @@ def test_runge_kutta_is_of_its_order(name):
 
 
 @pytest.mark.parametrize("degree", [1, 2, 4, 6])
-def test_gauss_legendre_integrates_its_polynomials(degree):
-    nodes, weights, matrix = gauss_legendre(degree)
-    for power in range(2 * degree):
-        assert weights @ nodes**power == pytest.approx(1 / (power + 1), abs=1e-14)
+@pytest.mark.parametrize("scheme", ["legendre", "radau"])
+def test_collocation_integrates_its_polynomials(degree, scheme):
+    points = tableau(degree, scheme)
+    for power in range(2 * degree - (scheme == "radau")):
+        assert points.weights @ points.nodes**power == pytest.approx(1 / (power + 1), abs=1e-14)
     for power in range(degree):
-        np.testing.assert_allclose(matrix @ nodes**power, nodes ** (power + 1) / (power + 1), atol=1e-13)
+        integral = points.nodes ** (power + 1) / (power + 1)
+        np.testing.assert_allclose(points.matrix @ points.nodes**power, integral, atol=1e-13)
+    assert (points.nodes[-1] == 1.0) == (scheme == "radau")
 
 
 def test_nothing_symbolic_is_built_between_solves(monkeypatch):

@@ -15,7 +15,7 @@ from .symbols import SymT
 @attrs.frozen(eq=False)
 class Entry(Generic[SymT]):
     """The entry point: its ``position (3,)`` and ``orientation (4,)``; the angles ``psi_i(0)`` of tubes that carry no
-    torque, ``free_angles``; the transmissions' ``compliance`` ``-beta_i / GJ_i``; the total ``force n(0-)``.
+    torque, ``free_angles``; the transmissions' ``compliance`` ``-beta_i / GJ_i``; the dead loads' total ``force``.
     """
 
     position: SymT
@@ -25,13 +25,13 @@ class Entry(Generic[SymT]):
     force: SymT
 
 
-def entry_state(bending: SymT, torsion: SymT, entry: Entry[SymT]) -> State[SymT]:
-    """The state at ``s = 0`` before any load acts there.
+def entry_state(bending: SymT, torsion: SymT, force: SymT, entry: Entry[SymT]) -> State[SymT]:
+    """The state at ``s = 0`` before any load acts there; ``force`` is that of the loads that depend on the shape.
 
     Behind it tubes only twist: ``psi_i(0) = free_angle_i + compliance_i tau_i``.
     """
     angles = entry.free_angles + entry.compliance * torsion
-    return State(entry.position, entry.orientation, angles, bending, torsion, entry.force)
+    return State(entry.position, entry.orientation, angles, bending, torsion, entry.force + force)
 
 
 def jump(state: State[SymT], force: SymT, moment: SymT) -> State[SymT]:
@@ -48,7 +48,12 @@ def jump(state: State[SymT], force: SymT, moment: SymT) -> State[SymT]:
     )
 
 
-def tip_rows(tubes: int) -> list[int]:
-    """The entries of a state vector that vanish behind the last load: ``m_xy`` and every ``tau_i`` (paper, II-G)."""
-    bending, torsion = State.parts(tubes)["bending"], State.parts(tubes)["torsion"]
-    return [*range(bending.start, bending.stop), *range(torsion.start, torsion.stop)]
+def tip_rows(tubes: int, live: bool = False) -> list[int]:
+    """The entries of a state vector that vanish behind the last load: ``m_xy`` and every ``tau_i`` (paper, II-G).
+
+    Also ``n``, where it is unknown at the entry because loads depend on the shape (``live``); under dead loads alone
+    it vanishes anyway.
+    """
+    names = ("bending", "torsion", "force") if live else ("bending", "torsion")
+    parts = [State.parts(tubes)[name] for name in names]
+    return [row for part in parts for row in range(part.start, part.stop)]

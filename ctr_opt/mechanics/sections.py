@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from ..errors import DefinitionError
 from ..robot.actuation import Actuation
 from ..robot.checks import Array
+from ..robot.fields import ExpressionLoad, PotentialLoad
 from ..robot.loads import LOADS, DistributedLoad, Load, LoadTable, PointWrench
 from ..robot.robot import Robot
 from ..robot.weights import DistributedMass, Gravity, PointMass
+from .loading import Field, LoadKind
 from .resolution import called, resolve
 
 _SAME_POINT = 1e-12  # of the robot's length: closer break points are one point
@@ -28,15 +30,41 @@ _FUNCTION_PARTS = 8  # an interval under a load given as a function is cut into 
 
 
 @attrs.frozen(eq=False)
-class Nodes:
-    """Data at ``(steps, nodes)`` points.
+class LoadValues:
+    """Loads at points ``(..)``: world-fixed, in the tubes' frames, and by what expressions are multiplied.
 
-    ``precurvature (.., tubes, 3)``, total ``force (.., 3)`` and the tubes' ``moment (.., tubes, 3)``.
+    Total ``force (.., 3)``, the tubes' ``moment (.., tubes, 3)``; ``body_force, body_moment (.., tubes, 3)`` in the
+    tubes' material frames; ``field (.., fields)``.
     """
 
-    precurvature: Array
     force: Array
     moment: Array
+    body_force: Array
+    body_moment: Array
+    field: Array
+
+    @classmethod
+    def none(cls, points: tuple[int, ...], tubes: int, fields: int) -> LoadValues:
+        """No load, to be added to."""
+        own = [np.zeros((*points, tubes, 3)) for _ in range(3)]
+        return cls(np.zeros((*points, 3)), own[0], own[1], own[2], np.zeros((*points, fields)))
+
+    def add(self, where: Any, load: PointWrench | DistributedLoad, force: Array, moment: Array) -> None:
+        """Add force and moment that ``load`` applies at the points ``where``."""
+        if load.frame == "body":
+            self.body_force[*where, load.tube, :] += force
+            self.body_moment[*where, load.tube, :] += moment
+        else:
+            self.force[*where, :] += force
+            self.moment[*where, load.tube, :] += moment
+
+
+@attrs.frozen(eq=False)
+class Nodes:
+    """Data at ``(steps, nodes)`` points: ``precurvature (.., tubes, 3)``, and the loads per arc length."""
+
+    precurvature: Array
+    loads: LoadValues
 
 
 @attrs.frozen(eq=False)
@@ -80,11 +108,18 @@ class Configuration:
         self.point_loads: list[tuple[float, int, PointWrench]] = []
         self.distributed_loads: list[tuple[float, float, DistributedLoad]] = []
         self._distributed_names: list[str] = []
+        self.point_fields: list[tuple[float, Field, float]] = []
+        self.distributed_fields: list[tuple[float, float, Field, float]] = []
         self._gravity = sum((load.acceleration for load in self.loads if isinstance(load, Gravity)), np.zeros(3))
         for k, load in enumerate(self.loads):
             self._place(k, load)
         self.break_points = self._break_points()
         self.point_loads = [(self._nearest_break(s), tube, load) for s, tube, load in self.point_loads]
+        self.point_fields = [(self._nearest_break(s), field, factor) for s, field, factor in self.point_fields]
+        self.kind = LoadKind(
+            any(isinstance(load, (PointWrench, DistributedLoad)) and load.frame == "body" for load in self.loads),
+            tuple(dict.fromkeys([f for _, f, _ in self.point_fields] + [f for _, _, f, _ in self.distributed_fields])),
+        )
         self.tube_ends = np.array([self._nearest_break(float(end)) for end in self.tube_ends])
         self.transmission_twist, self._straightening_energy = self._transmission()
 
@@ -112,14 +147,20 @@ class Configuration:
                 )
             return min(value, tube_end)
 
+        if isinstance(load, (PotentialLoad, ExpressionLoad)) and not load.distributed:
+            self.point_fields.append((inside("arc_length", load.arc_length), Field.of(load), load.factor))
+            return
         if isinstance(load, (PointWrench, PointMass)):
             s = inside("arc_length", load.arc_length)
-            wrench = PointWrench(force=load.mass * self._gravity) if isinstance(load, PointMass) else load
+            wrench = PointWrench(load.mass * self._gravity, tube=tube) if isinstance(load, PointMass) else load
             self.point_loads.append((s, tube, wrench))
             return
-        start, end = inside("start", load.start), inside("end", load.end)
+        start, end = inside("start", load.start or 0.0), inside("end", load.end)
         if end <= start:
             raise DefinitionError(f"loads[{k}]: end = {end:g} m must be above start = {start:g} m")
+        if isinstance(load, (PotentialLoad, ExpressionLoad)):
+            self.distributed_fields.append((start, end, Field.of(load), load.factor))
+            return
         if isinstance(load, DistributedMass):
             load = DistributedLoad(force=load.mass_per_length * self._gravity, tube=tube)
         self.distributed_loads.append((start, end, load))
@@ -137,7 +178,8 @@ class Configuration:
         points = [0.0, self.length]
         for tube, translation in zip(self.robot.tubes, self.translations, strict=True):
             points.extend(translation + tube.shape.breaks)
-        points.extend(s for s, _, _ in self.point_loads)
+        points.extend(s for s, _, _ in (*self.point_loads, *self.point_fields))
+        points.extend(s for interval in self.distributed_fields for s in interval[:2])
         for name, (start, end, load) in zip(self._distributed_names, self.distributed_loads, strict=True):
             points.extend((start, end))
             for field, density in (("force", load.force), ("moment", load.moment)):
@@ -164,6 +206,13 @@ class Configuration:
         return twist, energy
 
     @property
+    def base_quaternion(self) -> Array:
+        """Orientation of the entry point, ``(w, x, y, z)``."""
+        from scipy.spatial.transform import Rotation
+
+        return np.roll(Rotation.from_matrix(self.robot.base_pose[:3, :3]).as_quat(), 1)
+
+    @property
     def straightening_energy(self) -> float:
         """``1/2 integral of u*_xy^T K_b u*_xy`` over the parts held straight behind the entry point, J."""
         return self._straightening_energy
@@ -177,24 +226,27 @@ class Configuration:
         """Which tubes exist at ``s (k,)`` (not a tube's end): ``(k, tubes)``."""
         return np.asarray(np.asarray(s)[:, None] < self.tube_ends)
 
-    def mesh(self, refinement: int = 1, largest_turn: float = 1.0) -> Array:
+    def mesh(self, largest_turn: float = 1.0) -> Array:
         """Steps from 0 to ``length`` as rows ``(start, end)``: every section cut so that no step turns much.
 
-        A step's turn is estimated from the preset curvatures and loads; ``refinement`` multiplies the steps.
+        A step's turn is estimated from the preset curvatures and loads.
         """
         turns = np.array([(b - a) * self._curvature_bound(float(a), float(b)) for a, b in pairwise(self.break_points)])
         largest_turn = max(largest_turn, float(turns.sum()) / _MOST_STEPS)
         rows = []
         for start, end, turn in zip(self.break_points, self.break_points[1:], turns, strict=False):
             parts = max(1, int(np.ceil(turn / largest_turn)))
-            if any(
-                a < end and start < b and (callable(load.force) or callable(load.moment))
-                for a, b, load in self.distributed_loads
-            ):
+            if self._varies_between(start, end):
                 parts = max(parts, _FUNCTION_PARTS)
-            edges = np.linspace(start, end, parts * refinement + 1)
+            edges = np.linspace(start, end, parts + 1)
             rows.append(np.column_stack((edges[:-1], edges[1:])))
         return np.concatenate(rows)
+
+    def _varies_between(self, start: float, end: float) -> bool:
+        """Whether a load acts there of which only its values are known."""
+        functions = [(a, b) for a, b, load in self.distributed_loads if callable(load.force) or callable(load.moment)]
+        fields = [(a, b) for a, b, _, _ in self.distributed_fields]
+        return any(a < end and start < b for a, b in (*functions, *fields))
 
     def _curvature_bound(self, start: float, end: float) -> float:
         """A rough upper bound of the curvature in a section, 1/m."""
@@ -217,11 +269,12 @@ class Configuration:
         # A force bends an elastica to at most 2 sqrt(F / EI), however long the lever.
         return preset + couple / stiffness + min(lever / stiffness, 2.0 * float(np.sqrt(force / stiffness)))
 
-    def nodes(self, steps: Array, fractions: Array, middle: Array | None = None) -> Nodes:
+    def nodes(self, steps: Array, fractions: Array, middle: Array | None = None, fields: Sequence[Field] = ()) -> Nodes:
         """Precurvature and load densities at ``start + fraction (end - start)`` of every step.
 
         Each step lies inside one section, that of ``middle`` (default: the step's own), and its data are taken from
-        that section's side even at its ends. Where a tube has ended its precurvature is zero.
+        that section's side even at its ends. Where a tube has ended its precurvature is zero. ``fields`` are the
+        expressions whose factors are wanted.
         """
         start, end = steps[:, :1], steps[:, 1:]
         s = start + fractions * (end - start)
@@ -233,14 +286,17 @@ class Configuration:
             sigma = s - self.translations[i]
             piece = np.broadcast_to(tube.shape.piece(middle - self.translations[i])[:, None], s.shape)
             precurvature[:, :, i] = tube.shape(sigma, piece) * present[:, i, None, None]
-        force = np.zeros((count, size, 3))
-        moment = np.zeros((count, size, self.tube_count, 3))
+        loads = LoadValues.none((count, size), self.tube_count, len(fields))
         for name, (a, b, load) in zip(self._distributed_names, self.distributed_loads, strict=True):
-            inside = (middle > a) & (middle < b)
-            if inside.any():
-                force[inside] += _density(load.force, s[inside], middle[inside], f"{name}.force")
-                moment[inside, :, load.tube] += _density(load.moment, s[inside], middle[inside], f"{name}.moment")
-        return Nodes(precurvature, force, moment)
+            here = (middle > a) & (middle < b)
+            if here.any():
+                force = _density(load.force, s[here], middle[here], f"{name}.force")
+                moment = _density(load.moment, s[here], middle[here], f"{name}.moment")
+                loads.add((here, slice(None)), load, force, moment)
+        for a, b, field, factor in self.distributed_fields:
+            if field in fields:
+                loads.field[(middle > a) & (middle < b), :, fields.index(field)] += factor
+        return Nodes(precurvature, loads)
 
     def loads_on(self, tube_ends: Array, factor: float) -> list[Load]:
         """The loads multiplied by ``factor``, kept within tubes that end at ``tube_ends``; none for a factor of zero.
@@ -251,27 +307,28 @@ class Configuration:
             return []
         moved: list[Load] = []
         for load in self.loads:
-            scaled = load.times(factor)
+            scaled: Any = load.times(factor)
             if isinstance(scaled, Gravity):
                 moved.append(scaled)
                 continue
             end = float(tube_ends[scaled.tube])
-            if isinstance(scaled, (PointWrench, PointMass)):
+            field = isinstance(scaled, (PotentialLoad, ExpressionLoad))
+            if isinstance(scaled, (PointWrench, PointMass)) or (field and not scaled.distributed):
                 s = scaled.arc_length
                 moved.append(scaled if s is None or s <= end else attrs.evolve(scaled, arc_length=end))
-            elif scaled.start < end:
+            elif (scaled.start or 0.0) < end:
                 moved.append(attrs.evolve(scaled, end=None if scaled.end is None else min(scaled.end, end)))
         return moved
 
-    def jumps(self, points: Array) -> tuple[Array, Array]:
-        """Point forces ``(k, 3)`` and moments ``(k, tubes, 3)`` that act at ``points (k,)``, nodes of a mesh."""
-        force = np.zeros((len(points), 3))
-        moment = np.zeros((len(points), self.tube_count, 3))
-        for s, tube, load in self.point_loads:
-            here = points == s
-            force[here] += load.force
-            moment[here, tube] += load.moment
-        return force, moment
+    def jumps(self, points: Array, fields: Sequence[Field] = ()) -> LoadValues:
+        """The point loads that act at ``points (k,)``, nodes of a mesh."""
+        loads = LoadValues.none((len(points),), self.tube_count, len(fields))
+        for s, _, load in self.point_loads:
+            loads.add((points == s,), load, load.force, load.moment)
+        for s, field, factor in self.point_fields:
+            if field in fields:
+                loads.field[points == s, fields.index(field)] += factor
+        return loads
 
 
 def _check_actuation(robot: Robot, actuation: Actuation) -> None:

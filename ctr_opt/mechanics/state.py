@@ -54,6 +54,18 @@ class State(Generic[SymT]):
         return ca.vertcat(self.position, self.orientation, self.angles, self.bending, self.torsion, self.force)
 
 
+def state_names(tubes: int) -> list[str]:
+    """A name for each entry of a state vector."""
+    angles, torques = [f"psi_{i}" for i in range(tubes)], [f"tau_{i}" for i in range(tubes)]
+    pose = ["p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z"]
+    return [*pose, *angles, "m_x", "m_y", *torques, "n_x", "n_y", "n_z"]
+
+
+def stacked(state: State[Any]) -> Array:
+    """A state in numbers ``(.., k)`` as one array ``(size, k)``."""
+    return np.vstack((state.position, state.orientation, state.angles, state.bending, state.torsion, state.force))
+
+
 def state_scales(tubes: int, length: float, moment: float, force: float) -> Array:
     """The unit in which each entry of a dimensionless state is measured."""
     scale = np.ones(State.size(tubes))

@@ -1,4 +1,4 @@
-"""External loads: wrenches at a point and distributed over an interval, in the world frame."""
+"""External loads: wrenches at a point and distributed over an interval, fixed in the world or to a tube."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import numpy as np
 from ..errors import DefinitionError
 from . import places
 from .checks import ARRAY_EQ, Array, array, choice
+from .fields import ExpressionLoad, PotentialLoad
 from .piecewise import PiecewisePolynomial
 from .weights import DistributedMass, Gravity, PointMass
 
-_FRAMES = ("world",)
+_FRAMES = ("world", "body")
 
 
 @attrs.frozen(eq=False)
@@ -89,18 +90,19 @@ _DENSITY_EQ = attrs.cmp_using(eq=_same)
 
 @attrs.frozen
 class PointWrench:
-    """A force and a moment at a point of a named tube; world-fixed ("dead").
+    """A force and a moment at a point of a named tube.
 
     Parameters
     ----------
     force, moment
-        ``(3,)``, N and N m, world frame. An axial moment twists the named tube alone.
+        ``(3,)``, N and N m. An axial moment twists the named tube alone.
     arc_length
         ``s`` from the entry point, m; ``None``: the named tube's distal end, wherever it is.
     tube
         Index of the tube that carries it, 0 the innermost.
     frame
-        ``"world"``.
+        ``"world"``: force and moment keep their direction ("dead"); ``"body"``: they are given in the named tube's
+        material frame and turn with it ("follower"). A body load has no potential.
 
     Examples
     --------
@@ -115,13 +117,13 @@ class PointWrench:
     frame: str = attrs.field(default="world", converter=_frame)
 
     @property
-    def has_moment(self) -> bool:
-        """Whether it applies a moment, which has no potential."""
-        return bool(np.any(self.moment))
+    def nonconservative(self) -> str:
+        """Why it has no potential; empty if it has one."""
+        return _why(self.frame, bool(np.any(self.moment)), bool(np.any(self.force)))
 
-    def forces_only(self) -> PointWrench:
-        """The load without its moment."""
-        return attrs.evolve(self, moment=np.zeros(3))
+    def conservative_part(self) -> PointWrench | None:
+        """What of the load has a potential: the force, where it is world-fixed."""
+        return None if self.frame == "body" else attrs.evolve(self, moment=np.zeros(3))
 
     def times(self, factor: float) -> PointWrench:
         """The load multiplied."""
@@ -130,12 +132,12 @@ class PointWrench:
 
 @attrs.frozen
 class DistributedLoad:
-    """A force and a moment per arc length on a named tube; world-fixed ("dead").
+    """A force and a moment per arc length on a named tube.
 
     Parameters
     ----------
     force, moment
-        N/m and N m/m, world frame: constant ``(3,)``; or a pair ``(s (k,), values (k, 3))``, interpolated
+        N/m and N m/m: constant ``(3,)``; or a pair ``(s (k,), values (k, 3))``, interpolated
         linearly and zero outside; or a function ``s -> (3,)``, of which
         features narrower than a thousandth of the interval may be missed. The moment about
         the backbone's tangent twists the named tube alone.
@@ -144,7 +146,7 @@ class DistributedLoad:
     tube
         Index of the tube that carries it, 0 the innermost.
     frame
-        ``"world"``.
+        ``"world"`` or ``"body"``, as in :class:`PointWrench`.
 
     Examples
     --------
@@ -163,15 +165,13 @@ class DistributedLoad:
         places.check_interval(self.start, self.end)
 
     @property
-    def has_moment(self) -> bool:
-        """Whether it applies a moment, which has no potential."""
-        if isinstance(self.moment, LoadTable):
-            return bool(np.any(self.moment.values))
-        return callable(self.moment) or bool(np.any(self.moment))
+    def nonconservative(self) -> str:
+        """Why it has no potential; empty if it has one."""
+        return _why(self.frame, _acts(self.moment), _acts(self.force))
 
-    def forces_only(self) -> DistributedLoad:
-        """The load without its moment."""
-        return attrs.evolve(self, moment=np.zeros(3))
+    def conservative_part(self) -> DistributedLoad | None:
+        """What of the load has a potential: the force, where it is world-fixed."""
+        return None if self.frame == "body" else attrs.evolve(self, moment=np.zeros(3))
 
     def times(self, factor: float) -> DistributedLoad:
         """The load multiplied."""
@@ -186,5 +186,17 @@ def _times(density: Any, factor: float) -> Any:
     return factor * density
 
 
-Load: TypeAlias = PointWrench | DistributedLoad | Gravity | PointMass | DistributedMass
-LOADS = (PointWrench, DistributedLoad, Gravity, PointMass, DistributedMass)
+def _acts(density: Density) -> bool:
+    if isinstance(density, LoadTable):
+        return bool(np.any(density.values))
+    return callable(density) or bool(np.any(density))
+
+
+def _why(frame: str, moment: bool, force: bool) -> str:
+    if frame == "body" and (moment or force):
+        return "acts in a tube's frame (frame = 'body')"
+    return "applies a moment" if moment else ""
+
+
+Load: TypeAlias = PointWrench | DistributedLoad | Gravity | PointMass | DistributedMass | PotentialLoad | ExpressionLoad
+LOADS = (PointWrench, DistributedLoad, Gravity, PointMass, DistributedMass, PotentialLoad, ExpressionLoad)

@@ -27,11 +27,11 @@ class _Weight:
     """What applies forces only."""
 
     @property
-    def has_moment(self) -> bool:
-        """Whether it applies a moment: never."""
-        return False
+    def nonconservative(self) -> str:
+        """Why it has no potential: it has one."""
+        return ""
 
-    def forces_only(self) -> Self:
+    def conservative_part(self) -> Self:
         """The load itself."""
         return self
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from ..robot.checks import Array
 from ..transcription.linear import newton_correction
@@ -11,6 +12,7 @@ from ..transcription.shooting import Nodes, Shooting
 from .newton import Newton, Solution, newton
 
 _SAFETY = 2.0  # the error is at most twice the difference to half the step, for a method of order one or more
+_SHARE = 0.5  # of the average step's: steps that contribute less are left as they are
 _ROUNDING = 1e-12  # of the length: no smaller error is claimed
 
 NEARBY = Newton(max_iterations=15, shortest_step=1.0)
@@ -22,11 +24,22 @@ ALONG_FAMILY = Newton(max_iterations=30, negligible=1e-3)
 
 @attrs.frozen(eq=False)
 class Estimate:
-    """Estimated largest position error over the length, and the finer problem with its solution."""
+    """Estimated largest position error over the length; the problem with half the steps and its solution.
+
+    ``local (steps,)``: what each step contributes, the distance of its end from that of two halves.
+    """
 
     error: float
     finer: Shooting
     z: Array
+    local: Array
+
+    def too_long(self, tolerance: float) -> NDArray[np.bool_]:
+        """Which steps contribute more than their share of an error of ``tolerance``."""
+        if not np.isfinite(self.error):
+            return np.ones(len(self.local), bool)
+        allowed = min(1.0, tolerance / self.error) * self.local.sum() / len(self.local)
+        return np.asarray(self.local > _SHARE * allowed)
 
 
 def estimate_error(shooting: Shooting, solution: Solution, nodes: Nodes, tolerance: float) -> Estimate:
@@ -35,16 +48,18 @@ def estimate_error(shooting: Shooting, solution: Solution, nodes: Nodes, toleran
     The finer solution takes one chord step, two sweeps and no Jacobian; Newton's method only where that is not enough.
     """
     finer = shooting.refined()
+    unknown = np.full(len(shooting.mesh), np.inf)
     _, residual = finer.sweep(solution.z)
     z = solution.z + newton_correction(solution.jacobian, residual)
     fine_nodes, rest = finer.sweep(z)
     if not np.all(np.isfinite(rest)):
-        return Estimate(np.inf, finer, solution.z)
+        return Estimate(np.inf, finer, solution.z, unknown)
     if np.abs(rest).max() > max(0.01 * np.abs(residual).max(), tolerance):
         exact = newton(finer, z, tolerance, NEARBY)
         if not exact.converged:
-            return Estimate(np.inf, finer, z)
+            return Estimate(np.inf, finer, z, unknown)
         z = exact.z
         fine_nodes, _ = finer.sweep(z)
     difference = np.linalg.norm(nodes.left[:3] - fine_nodes.left[:3, 1::2], axis=0).max()
-    return Estimate(float(_SAFETY * difference + _ROUNDING), finer, z)
+    local = np.abs(finer.advance(finer.advance(nodes.right, 0), 1) - nodes.left).max(axis=0)
+    return Estimate(float(_SAFETY * difference + _ROUNDING), finer, z, local)

@@ -12,7 +12,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from ..robot.checks import Array, number
+from ..robot.checks import Array, choice, number
 from ..transcription.nlp import Nlp
 
 if TYPE_CHECKING:
@@ -26,6 +26,14 @@ def _positive(method: Ipopt, field: attrs.Attribute[Any], value: Any) -> None:
     number(value, f"{type(method).__name__}.{field.name}", above=0.0)
 
 
+def _start(_: Ipopt, field: attrs.Attribute[Any], value: Any) -> None:
+    if value is not None:
+        choice(value, f"Ipopt.{field.name}", STARTS)
+
+
+STARTS = ("straight", "homotopy")
+
+
 @attrs.frozen
 class Ipopt:
     """Options of IPOPT.
@@ -36,10 +44,15 @@ class Ipopt:
         Of the optimality conditions and constraints; the problems are dimensionless.
     max_iterations
         Iterations allowed.
+    start
+        From where a cold solve starts: ``"straight"``, the straight robot, or ``"homotopy"``, the equilibrium that
+        shooting with homotopy finds (and, where it finds none, the straight robot). Default: straight for the energy
+        formulation, which is at home there, homotopy for the equilibrium formulation, which is not.
     """
 
     tolerance: float = attrs.field(default=1e-10, validator=_positive)
     max_iterations: int = attrs.field(default=100, validator=_positive)
+    start: str | None = attrs.field(default=None, validator=_start)
 
 
 @attrs.frozen(eq=False)
@@ -75,6 +88,10 @@ class IpoptSolver:
                 "nlp_scaling_method": "none",
             },
         }
+        if nlp.f.is_zero():  # a square system: without curvature of a Lagrangian IPOPT takes Newton's steps
+            x, p, lam_f, lam_g = nlp.x, nlp.p, ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.g.numel())
+            none = ca.MX(nlp.x.numel(), nlp.x.numel())
+            options["hess_lag"] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [none])
         program: Any = {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}
         self._solver = ca.nlpsol("solver", "ipopt", program, options)
         self._hessian: ca.Function | None = None

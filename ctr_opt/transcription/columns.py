@@ -1,69 +1,74 @@
 """The data of a step as one dimensionless column of numbers.
 
-The symbolic functions know the number of tubes and of nodes in a step; how many steps there are, where they lie and
-what acts there is in the columns, so that nothing symbolic is rebuilt between solves.
+The symbolic functions know the number of tubes, of nodes in a step and the kind of loads; how many steps there are,
+where they lie and what acts there is in the columns, so that nothing symbolic is rebuilt between solves.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import attrs
 import numpy as np
 
 from ..mechanics.boundary import Entry
+from ..mechanics.loading import DEAD, LoadKind
 from ..mechanics.rod import Local
 from ..mechanics.sections import Configuration
-from ..mechanics.state import slices
+from ..mechanics.state import State, slices
 from ..robot.checks import Array
+from .load_columns import LoadColumns
 
 
 @attrs.frozen
 class StepColumns:
-    """Order of the data of a step with ``nodes`` interior nodes for ``tubes`` tubes."""
+    """Order of the data of a step with ``nodes`` interior nodes for ``tubes`` tubes and a kind of loads."""
 
     tubes: int
     nodes: int
+    kind: LoadKind = DEAD
 
-    @property
+    @cached_property
+    def _inner(self) -> LoadColumns:
+        return LoadColumns(self.tubes, self.nodes, self.kind)
+
+    @cached_property
+    def _point(self) -> LoadColumns:
+        return LoadColumns(self.tubes, 1, self.kind, "point_")
+
+    @cached_property
     def parts(self) -> dict[str, slice]:
         """Where each datum stands in a column."""
         n, c = self.tubes, self.nodes
-        sizes = {
-            "length": 1,
-            "bending_stiffness": n,
-            "torsional_stiffness": n,
-            "precurvature": 3 * n * c,
-            "force": 3 * c,
-            "moment": 3 * n * c,
-            "point_force": 3,
-            "point_moment": 3 * n,
-        }
-        return slices(sizes)
+        own = {"length": 1, "bending_stiffness": n, "torsional_stiffness": n, "precurvature": 3 * n * c}
+        return slices({**own, **self._inner.sizes, **self._point.sizes})
 
     @property
     def size(self) -> int:
         """Entries of a column."""
-        return int(self.parts["point_moment"].stop)
+        return int(max(part.stop for part in self.parts.values()))
 
     def pack(self, configuration: Configuration, steps: Array, fractions: Array, middle: Array | None = None) -> Array:
         """Columns ``(size, k)`` for ``steps (k, 2)`` with data at ``fractions (nodes,)``; point loads act at step ends.
 
         ``middle (k,)`` is a point of the section that each step lies in, where its own middle does not tell.
         """
-        count, parts, scales = len(steps), self.parts, configuration.scales
-        nodes = configuration.nodes(steps, fractions, middle)
-        point_force, point_moment = configuration.jumps(steps[:, 1])
+        count, scales, fields = len(steps), configuration.scales, self.kind.fields
+        nodes = configuration.nodes(steps, fractions, middle, fields)
+        places = steps[:, :1] + fractions * np.diff(steps)
         present = configuration.present(steps.mean(axis=1) if middle is None else middle)
+        data = {
+            "length": np.diff(steps) / scales.length,
+            "bending_stiffness": present * configuration.bending_stiffness / scales.stiffness,
+            "torsional_stiffness": configuration.torsional_stiffness / scales.stiffness,
+            "precurvature": nodes.precurvature.reshape(count, -1) * scales.length,
+            **self._inner.pack(nodes.loads, places, scales, scales.length),
+            **self._point.pack(configuration.jumps(steps[:, 1], fields), steps[:, 1:], scales, 1.0),
+        }
         columns = np.zeros((count, self.size))
-        columns[:, parts["length"]] = np.diff(steps) / scales.length
-        columns[:, parts["bending_stiffness"]] = present * configuration.bending_stiffness / scales.stiffness
-        columns[:, parts["torsional_stiffness"]] = configuration.torsional_stiffness / scales.stiffness
-        columns[:, parts["precurvature"]] = nodes.precurvature.reshape(count, -1) * scales.length
-        columns[:, parts["force"]] = nodes.force.reshape(count, -1) * (scales.length / scales.force)
-        columns[:, parts["moment"]] = nodes.moment.reshape(count, -1) * (scales.length / scales.moment)
-        columns[:, parts["point_force"]] = point_force / scales.force
-        columns[:, parts["point_moment"]] = point_moment.reshape(count, -1) / scales.moment
+        for name, part in self.parts.items():
+            columns[:, part] = data[name]
         return columns.T.copy()
 
     def pad(self, columns: Array, count: int) -> Array:
@@ -72,33 +77,45 @@ class StepColumns:
         if extra == 0:
             return columns
         idle = np.zeros((self.size, extra))
-        for name in ("bending_stiffness", "torsional_stiffness"):
-            idle[self.parts[name]] = columns[self.parts[name], -1:]
+        for name, part in self.parts.items():
+            if name.endswith(("stiffness", "unit", "place")):
+                idle[part] = columns[part, -1:]
         return np.hstack((columns, idle))
 
-    def local(self, column: Any, node: int) -> Local[Any]:
-        """The data at a node, out of a symbolic column."""
+    def total_force(self, columns: Array, weights: Array) -> Array:
+        """Of all dead loads behind ``s = 0``, ``(3,)``; ``weights`` are the quadrature's of the nodes."""
+        density = columns[self.parts["force"]].reshape(-1, 3, columns.shape[1])
+        distributed = np.einsum("k,c,cxk->x", columns[0], weights, density)
+        return np.asarray(distributed + columns[self.parts["point_force"]].sum(axis=1))
+
+    def local(self, column: Any, node: int, state: State[Any] | None = None) -> Local[Any]:
+        """The data at a node, out of a symbolic column; with ``state``, the loads that depend on it included."""
         parts, n = self.parts, self.tubes
-
-        def at(name: str, width: int) -> Any:
-            start = parts[name].start + 3 * width * node
-            return column[start : start + 3 * width].reshape((3, width))
-
+        start = parts["precurvature"].start + 3 * n * node
         return Local(
             column[parts["bending_stiffness"]],
             column[parts["torsional_stiffness"]],
-            at("precurvature", n),
-            at("force", 1),
-            at("moment", n),
+            column[start : start + 3 * n].reshape((3, n)),
+            *self._inner.at(column, parts, node, state),
         )
 
-    def point_load(self, column: Any) -> tuple[Any, Any]:
+    def point_load(self, column: Any, state: State[Any]) -> tuple[Any, Any]:
         """The force ``(3,)`` and the tubes' moments ``(3, tubes)`` at the end of the step."""
-        return column[self.parts["point_force"]], column[self.parts["point_moment"]].reshape((3, self.tubes))
+        return self._point.at(column, self.parts, 0, state)
 
-    def factors(self, force: float, moment: float, precurvature: float) -> Array:
-        """By what each entry of a column is multiplied when all forces, moments and preset curvatures are."""
-        return _factors(self.parts, {"force": force, "moment": moment, "precurvature": precurvature})
+    def load_energy(self, column: Any, node: int, position: Any) -> Any:
+        """The loads' potential per arc length at a node."""
+        return self._inner.energy(column, self.parts, node, position)
+
+    def point_energy(self, column: Any, position: Any) -> Any:
+        """The potential of the loads at the end of the step."""
+        return self._point.energy(column, self.parts, 0, position)
+
+    def factors(self, conservative: float, rest: float, precurvature: float) -> Array:
+        """By what each entry is multiplied when loads with and without a potential and preset curvatures are."""
+        inner = self._inner.factors(self.parts, conservative, rest)
+        point = self._point.factors(self.parts, conservative, rest)
+        return _factors(self.parts, {**inner, **point, "precurvature": precurvature})
 
 
 @attrs.frozen
@@ -106,44 +123,40 @@ class EntryColumn:
     """Order of the data at the entry point: those of ``mechanics.boundary.Entry``, and the point load there."""
 
     tubes: int
+    kind: LoadKind = DEAD
 
-    @property
+    @cached_property
+    def _point(self) -> LoadColumns:
+        return LoadColumns(self.tubes, 1, self.kind, "point_")
+
+    @cached_property
     def parts(self) -> dict[str, slice]:
         """Where each datum stands."""
         n = self.tubes
-        sizes = {
-            "position": 3,
-            "orientation": 4,
-            "rotations": n,
-            "twist": n,
-            "compliance": n,
-            "force": 3,
-            "point_force": 3,
-            "point_moment": 3 * n,
-        }
-        return slices(sizes)
+        own = {"position": 3, "orientation": 4, "rotations": n, "twist": n, "compliance": n, "force": 3}
+        return slices({**own, **self._point.sizes})
 
     @property
     def size(self) -> int:
         """Entries of the column."""
-        return int(self.parts["point_moment"].stop)
+        return int(max(part.stop for part in self.parts.values()))
 
     def pack(self, configuration: Configuration, total_force: Array) -> Array:
-        """The column ``(size,)``; ``total_force`` is that of all loads behind ``s = 0``, dimensionless."""
-        from scipy.spatial.transform import Rotation
-
-        parts, scales = self.parts, configuration.scales
-        pose = configuration.robot.base_pose
-        point_force, point_moment = configuration.jumps(np.zeros(1))
+        """The column ``(size,)``; ``total_force`` is that of the dead loads behind ``s = 0``, dimensionless."""
+        scales, pose, start = configuration.scales, configuration.robot.base_pose, np.zeros(1)
+        point = self._point.pack(configuration.jumps(start, self.kind.fields), start[:, None], scales, 1.0)
+        data = {
+            "position": pose[:3, 3] / scales.length,
+            "orientation": configuration.base_quaternion,
+            "rotations": configuration.actuation.rotations,
+            "twist": configuration.transmission_twist,
+            "compliance": configuration.transmission_compliance * scales.moment,
+            "force": total_force + point["point_force"][0],
+            **{name: part[0] for name, part in point.items()},
+        }
         column = np.zeros(self.size)
-        column[parts["position"]] = pose[:3, 3] / scales.length
-        column[parts["orientation"]] = np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1)
-        column[parts["rotations"]] = configuration.actuation.rotations
-        column[parts["twist"]] = configuration.transmission_twist
-        column[parts["compliance"]] = configuration.transmission_compliance * scales.moment
-        column[parts["point_force"]] = point_force[0] / scales.force
-        column[parts["point_moment"]] = point_moment[0].reshape(-1) / scales.moment
-        column[parts["force"]] = total_force + column[parts["point_force"]]
+        for name, part in self.parts.items():
+            column[part] = data[name]
         return column
 
     def entry(self, column: Any) -> Entry[Any]:
@@ -157,17 +170,22 @@ class EntryColumn:
             column[parts["force"]],
         )
 
-    def point_load(self, column: Any) -> tuple[Any, Any]:
+    def point_load(self, column: Any, state: State[Any]) -> tuple[Any, Any]:
         """The force and the tubes' moments that act at ``s = 0``."""
-        return column[self.parts["point_force"]], column[self.parts["point_moment"]].reshape((3, self.tubes))
+        return self._point.at(column, self.parts, 0, state)
 
-    def factors(self, force: float, moment: float, precurvature: float) -> Array:
-        """By what each entry is multiplied when all forces, moments and preset curvatures are."""
-        return _factors(self.parts, {"force": force, "moment": moment, "twist": precurvature})
+    def point_energy(self, column: Any, position: Any) -> Any:
+        """The potential of the loads at ``s = 0``."""
+        return self._point.energy(column, self.parts, 0, position)
+
+    def factors(self, conservative: float, rest: float, precurvature: float) -> Array:
+        """By what each entry is multiplied when loads with and without a potential and preset curvatures are."""
+        point = self._point.factors(self.parts, conservative, rest)
+        return _factors(self.parts, {**point, "force": conservative, "twist": precurvature})
 
 
-def _factors(parts: dict[str, slice], of: dict[str, float]) -> Array:
+def _factors(parts: dict[str, slice], of: dict[str, Any]) -> Array:
     factors = np.ones(max(part.stop for part in parts.values()))
-    for name, part in parts.items():
-        factors[part] = of.get(name.removeprefix("point_"), 1.0)
+    for name, factor in of.items():
+        factors[parts[name]] = factor
     return factors

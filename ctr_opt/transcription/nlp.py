@@ -39,7 +39,7 @@ class Block:
 
 @attrs.frozen(eq=False)
 class Nlp:
-    """``minimize f(x, p)`` subject to ``g(x, p) = 0``, with the blocks of ``x`` and ``g``."""
+    """``minimize f(x, p)`` subject to ``g(x, p) = 0``, with the blocks of ``x`` and ``g``; without ``f``, ``g = 0``."""
 
     x: ca.MX
     p: ca.MX
@@ -52,6 +52,14 @@ class Nlp:
         """A row of ``g`` in words, like ``collocation 3, node 2, psi_1``."""
         block = next(b for b in self.constraints.values() if b.start <= index < b.start + len(b.rows) * b.columns)
         return block.label(index)
+
+
+def padded(count: int) -> int:
+    """The next of the step counts that programs and sweeps are built for: 4, 6, 8, 12, 16, 24, 32, 48, ..."""
+    size = 4
+    while size < count:
+        size = size * 3 // 2 if size & (size - 1) == 0 else size * 4 // 3
+    return size
 
 
 class NlpBuilder:
@@ -83,8 +91,9 @@ class NlpBuilder:
         self._constraints[name] = Block(name, sum(g.numel() for g in self._g), tuple(rows), columns)
         self._g.append(expression)
 
-    def build(self, objective: ca.MX) -> Nlp:
+    def build(self, objective: ca.MX | float = 0.0) -> Nlp:
         """The program."""
+        objective = ca.MX(objective)
         return Nlp(
             ca.veccat(*self._x), ca.veccat(*self._p), objective, ca.veccat(*self._g), self._variables, self._constraints
         )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DefinitionError
+from ..mechanics.loading import Field
 from ..mechanics.sections import Configuration
 from ..mechanics.state import State, state_scales
 from ..robot.checks import Array
@@ -49,7 +50,7 @@ class Shape:
     @property
     def functions(self) -> ShootingFunctions:
         """The symbolic functions, which are shared and never pickled."""
-        return shooting_functions(self.configuration.tube_count, self.integrator)
+        return shooting_functions(self.configuration.tube_count, self.integrator, self.configuration.kind)
 
     def inside(self, s: Array, most: float, what: str) -> Array:
         """``s`` as an array, or an error where it is not within ``[0, most]``; the break points are hit exactly."""
@@ -80,7 +81,8 @@ class Shape:
         _, before = self.functions.many(self.functions.step, self.nodes.right[:, step], columns)
         states = np.where(s == starts[step], self.nodes.right[:, step], before)
         states = np.where(s == ends[step], self.nodes.left[:, step], states)
-        local = StepColumns(self.configuration.tube_count, 1).pack(self.configuration, pieces, np.ones(1), middle)
+        layout = StepColumns(self.configuration.tube_count, 1, self.configuration.kind)
+        local = layout.pack(self.configuration, pieces, np.ones(1), middle)
         bent, twisted, moments, energy = self.functions.many(self.functions.local, states, local)
         scales, tubes = self.configuration.scales, self.configuration.tube_count
         return Values(
@@ -94,14 +96,18 @@ class Shape:
 
     @cached_property
     def _integrals(self) -> tuple[float, float]:
-        """Elastic energy in ``[0, length]`` and work of the distributed forces, by Gauss quadrature over the steps."""
+        """Elastic energy in ``[0, length]`` and work of the distributed loads, by Gauss quadrature over the steps."""
         points, weights = np.polynomial.legendre.leggauss(_QUADRATURE)
         half = 0.5 * np.diff(self.mesh)
         s = self.mesh.mean(axis=1)[:, None] + half * points
         values = self.at(s.ravel())
         measure = (half * weights).ravel()
-        force = self.configuration.nodes(self.mesh, 0.5 * (points + 1.0)).force.reshape(-1, 3)
-        return float(measure @ values.energy), float(measure @ np.einsum("ij,ji->i", force, values.state.position))
+        fields = self.configuration.kind.fields
+        loads = self.configuration.nodes(self.mesh, 0.5 * (points + 1.0), fields=fields).loads
+        positions = values.state.position
+        work = np.einsum("ij,ji->i", loads.force.reshape(-1, 3), positions)
+        work -= _potentials(fields, loads.field.reshape(positions.shape[1], len(fields)), positions)
+        return float(measure @ values.energy), float(measure @ work)
 
     @property
     def elastic_energy(self) -> float:
@@ -109,11 +115,23 @@ class Shape:
         return self._integrals[0]
 
     @property
-    def force_work(self) -> float:
-        """``sum F . p + integral of f . p``, J: the forces' work on the way from the world's origin."""
-        work = self._integrals[1]
-        if self.configuration.point_loads:
-            s = np.array([s for s, _, _ in self.configuration.point_loads])
-            forces = np.array([load.force for _, _, load in self.configuration.point_loads])
-            work += float(np.einsum("ij,ji->", forces, self.at(s).state.position))
-        return work
+    def load_work(self) -> float:
+        """``sum F . p + integral of f . p`` of the dead forces, less the ``V(p)`` of loads by potential, J."""
+        configuration = self.configuration
+        points = np.array([s for s, *_ in (*configuration.point_loads, *configuration.point_fields)])
+        if not len(points):
+            return self._integrals[1]
+        points, fields = np.unique(points), configuration.kind.fields
+        loads, positions = configuration.jumps(points, fields), self.at(points).state.position
+        work = np.einsum("ij,ji->i", loads.force, positions) - _potentials(fields, loads.field, positions)
+        return self._integrals[1] + float(work.sum())
+
+
+def _potentials(fields: tuple[Field, ...], factors: Array, positions: Array) -> Array:
+    """``sum of factor V(p)`` over the expressions that are potentials, at ``positions (3, k)``."""
+    total = np.zeros(positions.shape[1])
+    for field, factor in zip(fields, factors.T, strict=True):
+        if field.conservative:
+            active = np.flatnonzero(factor)
+            total[active] += factor[active] * [float(field.energy(positions[:, k])) for k in active]
+    return total

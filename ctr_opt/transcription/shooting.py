@@ -1,45 +1,47 @@
 """Single shooting: the boundary residual as a function of the unknown moments at the entry point.
 
-Unknown ``z = (m_xy(0), tau_i(0))``, residual ``(m_xy, tau_i)`` behind the tip. The step is written once, in SX, for
-a number of tubes and an integrator; sweeps over the robot are a ``mapaccum`` of it over columns of data, built once
-for each of a few step counts.
+Unknown ``z = (m_xy(0), tau_i(0))``, residual ``(m_xy, tau_i)`` behind the tip; where loads depend on the shape also
+``n(0)``, less the dead loads, and ``n`` behind the tip. The step is written once, in SX, for a number of tubes, an
+integrator and a kind of loads; sweeps over the robot are a ``mapaccum`` of it over columns of data, built once for
+each of a few step counts.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import attrs
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from ..mechanics import boundary, rod
+from ..mechanics.loading import DEAD, LoadKind
 from ..mechanics.sections import Configuration
 from ..mechanics.state import State
 from ..robot.checks import Array
 from .columns import EntryColumn, StepColumns
 from .integrators import RungeKutta, runge_kutta
+from .nlp import padded
 
 
-def padded(count: int) -> int:
-    """The next of the step counts that sweeps are built for: 4, 6, 8, 12, 16, 24, 32, 48, ..."""
-    size = 4
-    while size < count:
-        size = size * 3 // 2 if size & (size - 1) == 0 else size * 4 // 3
-    return size
+def unknowns(tubes: int, kind: LoadKind) -> int:
+    """How many numbers at the entry point are unknown: ``m_xy``, ``tau_i`` and, if loads are live, ``n``."""
+    return len(boundary.tip_rows(tubes, kind.live))
 
 
 class ShootingFunctions:
-    """The CasADi functions for a number of tubes and an integrator, built when first needed."""
+    """The CasADi functions for a number of tubes, an integrator and a kind of loads, built when first needed."""
 
-    def __init__(self, tubes: int, integrator: RungeKutta) -> None:
+    def __init__(self, tubes: int, integrator: RungeKutta, kind: LoadKind) -> None:
         self.tubes = tubes
         self.integrator = integrator
-        self.columns = StepColumns(tubes, len(integrator.nodes))
-        self.entry = EntryColumn(tubes)
-        self.unknowns = 2 + tubes
+        self.columns = StepColumns(tubes, len(integrator.nodes), kind)
+        self.entry = EntryColumn(tubes, kind)
+        self.tip_rows = boundary.tip_rows(tubes, kind.live)
+        self.unknowns = unknowns(tubes, kind)
         self._sweeps: dict[int, ca.Function] = {}
         self._maps: dict[tuple[str, int], ca.Function] = {}
         self._linearized: dict[int, ca.Function] = {}
@@ -62,29 +64,31 @@ class ShootingFunctions:
         start = self._start(z, entry)
         self.start = ca.Function("start", [z, entry], [start, ca.jacobian(start, z)], ["z", "entry"], ["x", "dx_dz"])
         state = State.split(x, tubes)
-        single = StepColumns(tubes, 1)
+        single = StepColumns(tubes, 1, kind)
         local_column = ca.SX.sym("column", single.size)
-        local = single.local(local_column, 0)
+        local = single.local(local_column, 0, state)
         bent, twisted = rod.curvature(state, local)
         moments = ca.vertcat(*rod.tube_moments(state.angles, bent, twisted, local))
         energy = rod.elastic_density(state.angles, bent, twisted, local)
         self.local = ca.Function("local", [x, local_column], [bent, twisted, moments, energy])
         self.rates = ca.Function("rates", [x, local_column], [rod.rates(state, local).joined()])
-        behind = boundary.jump(state, *single.point_load(local_column)).joined()
+        behind = boundary.jump(state, *single.point_load(local_column, state)).joined()
         self.point_jump = ca.Function("point_jump", [x, local_column], [behind])
 
     def _step(self, x: Any, column: Any) -> tuple[Any, Any]:
         def derivative(inner: Any, j: int) -> Any:
-            return rod.rates(State.split(inner, self.tubes), self.columns.local(column, j)).joined()
+            state = State.split(inner, self.tubes)
+            return rod.rates(state, self.columns.local(column, j, state)).joined()
 
         before = self.integrator.step(derivative, x, column[0])
-        force, moment = self.columns.point_load(column)
-        after = boundary.jump(State.split(before, self.tubes), force, moment).joined()
-        return before, after
+        state = State.split(before, self.tubes)
+        return before, boundary.jump(state, *self.columns.point_load(column, state)).joined()
 
     def _start(self, z: Any, entry: Any) -> Any:
-        state = boundary.entry_state(z[:2], z[2:], self.entry.entry(entry))
-        return boundary.jump(state, *self.entry.point_load(entry)).joined()
+        tubes = self.tubes
+        force = z[2 + tubes :] if self.unknowns > 2 + tubes else ca.SX.zeros(3)
+        state = boundary.entry_state(z[:2], z[2 : 2 + tubes], force, self.entry.entry(entry))
+        return boundary.jump(state, *self.entry.point_load(entry, state)).joined()
 
     def sweep(self, count: int) -> ca.Function:
         """``(z, entry, columns) -> (states behind each step, before its point load)``."""
@@ -114,15 +118,23 @@ class ShootingFunctions:
             start, slope = self.start(z, entry)
             everything = self._linear_step.mapaccum("linear_sweep", count)(ca.horzcat(start, slope), columns)
             last = everything[:, -(1 + self.unknowns) :]
-            rows = last[boundary.tip_rows(self.tubes), :]
+            rows = last[self.tip_rows, :]
             self._linearized[count] = ca.Function("linearized", [z, entry, columns], [rows[:, 0], rows[:, 1:]])
         return self._linearized[count]
 
 
-@cache
-def shooting_functions(tubes: int, integrator: str = "RK8") -> ShootingFunctions:
-    """The functions, shared by every problem with as many tubes."""
-    return ShootingFunctions(tubes, runge_kutta(integrator))
+@lru_cache(maxsize=64)
+def shooting_functions(tubes: int, integrator: str = "RK8", kind: LoadKind = DEAD) -> ShootingFunctions:
+    """The functions, shared by every problem with as many tubes and the same kind of loads."""
+    return ShootingFunctions(tubes, runge_kutta(integrator), kind)
+
+
+def halved(mesh: Array, where: NDArray[np.bool_] | None = None) -> Array:
+    """A mesh with every step, or those ``where`` true, cut in two."""
+    cut = np.ones(len(mesh), bool) if where is None else where
+    middle = np.where(cut, mesh.mean(axis=1), mesh[:, 1])
+    rows = np.stack((np.column_stack((mesh[:, 0], middle)), np.column_stack((middle, mesh[:, 1]))), axis=1)
+    return np.asarray(rows.reshape(-1, 2)[np.column_stack((np.ones(len(mesh), bool), cut)).ravel()])
 
 
 @attrs.frozen(eq=False)
@@ -135,44 +147,45 @@ class Nodes:
 
 
 class Shooting:
-    """The boundary-value problem of a configuration on a mesh, ready for numbers; everything is dimensionless."""
+    """The boundary-value problem of a configuration on a mesh, ready for numbers; everything is dimensionless.
 
-    def __init__(self, configuration: Configuration, mesh: Array, integrator: str = "RK8") -> None:
+    ``kind`` may provide for more loads than the configuration has.
+    """
+
+    def __init__(
+        self, configuration: Configuration, mesh: Array, integrator: str = "RK8", kind: LoadKind | None = None
+    ) -> None:
         self.configuration = configuration
         self.mesh = mesh
         self.integrator = integrator
+        self.kind = configuration.kind if kind is None else kind
         layout = self.functions.columns
         columns = layout.pack(configuration, mesh, self.functions.integrator.nodes)
         self._columns = layout.pad(columns, padded(len(mesh)))
-        self._entry = self.functions.entry.pack(configuration, self._total_force(columns))
+        total = layout.total_force(columns, self.functions.integrator.weights)  # its own quadrature: n ends at zero
+        self._entry = self.functions.entry.pack(configuration, total)
         self.unknowns = self.functions.unknowns
 
     @property
     def functions(self) -> ShootingFunctions:
         """The symbolic functions, which are shared and never pickled."""
-        return shooting_functions(self.configuration.tube_count, self.integrator)
+        return shooting_functions(self.configuration.tube_count, self.integrator, self.kind)
 
-    def _total_force(self, columns: Array) -> Array:
-        """Of all loads behind ``s = 0``, by the integrator's own quadrature, so that ``n`` ends at zero."""
-        parts = self.functions.columns.parts
-        density = columns[parts["force"]].reshape(-1, 3, columns.shape[1])
-        distributed = np.einsum("k,c,cxk->x", columns[0], self.functions.integrator.weights, density)
-        return np.asarray(distributed + columns[parts["point_force"]].sum(axis=1))
-
-    def scaled(self, force: float = 1.0, moment: float = 1.0, precurvature: float = 1.0) -> Shooting:
-        """The same problem with all forces, moments and preset curvatures multiplied."""
+    def scaled(self, conservative: float = 1.0, rest: float = 1.0, precurvature: float = 1.0) -> Shooting:
+        """The same problem with the loads that have a potential, the rest and the preset curvatures multiplied."""
         other = copy(self)
-        other._columns = self._columns * self.functions.columns.factors(force, moment, precurvature)[:, None]
-        other._entry = self._entry * self.functions.entry.factors(force, moment, precurvature)
+        other._columns = self._columns * self.functions.columns.factors(conservative, rest, precurvature)[:, None]
+        other._entry = self._entry * self.functions.entry.factors(conservative, rest, precurvature)
         return other
 
-    def refined(self, factor: int = 2) -> Shooting:
-        """The same problem with every step cut into ``factor``."""
-        start, end = self.mesh[:, :1], self.mesh[:, 1:]
-        edges = start + (end - start) * np.linspace(0.0, 1.0, factor + 1)
-        edges[:, -1:] = end
-        mesh = np.stack((edges[:, :-1], edges[:, 1:]), axis=-1).reshape(-1, 2)
-        return Shooting(self.configuration, mesh, self.integrator)
+    def refined(self, where: NDArray[np.bool_] | None = None) -> Shooting:
+        """The same problem with every step, or those ``where`` true, cut in two."""
+        return Shooting(self.configuration, halved(self.mesh, where), self.integrator, self.kind)
+
+    def advance(self, states: Array, first: int) -> Array:
+        """States at the ends of every other step, the ``first`` of them 0 or 1, from those at their beginnings."""
+        _, before = self.functions.many(self.functions.step, states, self._columns[:, first : len(self.mesh) : 2])
+        return before
 
     def linearize(self, z: Array) -> tuple[Array, Array]:
         """Residual ``(unknowns,)`` and its exact Jacobian."""
@@ -190,4 +203,4 @@ class Shooting:
         right = np.hstack((start.full(), after.full()))
         count = len(self.mesh)
         nodes = Nodes(right[:, :count], before.full()[:, :count], right[:, count])
-        return nodes, nodes.tip[boundary.tip_rows(self.configuration.tube_count)]
+        return nodes, nodes.tip[self.functions.tip_rows]

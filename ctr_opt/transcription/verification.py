@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanics.boundary import tip_rows
 from ..mechanics.sections import Configuration
 from ..mechanics.state import State
 from ..robot.checks import Array
@@ -25,8 +24,8 @@ def integrate(configuration: Configuration, start: Array, points: Array) -> tupl
     """
     from scipy.integrate import solve_ivp
 
-    functions = shooting_functions(configuration.tube_count)
-    layout = StepColumns(configuration.tube_count, 1)
+    functions = shooting_functions(configuration.tube_count, kind=configuration.kind)
+    layout = StepColumns(configuration.tube_count, 1, configuration.kind)
     length = configuration.length
     state, states = start, np.zeros((len(start), len(points)))
     for a, b in zip(configuration.break_points, configuration.break_points[1:], strict=False):
@@ -45,7 +44,7 @@ def integrate(configuration: Configuration, start: Array, points: Array) -> tupl
 
 def _rates(configuration: Configuration, layout: StepColumns, start: float, end: float) -> Any:
     """The right-hand side in one section, with its data taken at every ``s`` anew."""
-    function = shooting_functions(configuration.tube_count).rates
+    function = shooting_functions(configuration.tube_count, kind=configuration.kind).rates
     middle, length = np.array([0.5 * (start + end)]), configuration.length
 
     def rates(s: float, state: Array) -> Array:
@@ -66,12 +65,12 @@ def defect(shooting: Shooting, z: Array, shape: Shape) -> float:
     parts = State.parts(configuration.tube_count)
     start = shooting.start(z)
     _, tip = integrate(configuration, start, points)
-    missed = tip[parts["force"]]  # of the loads as this integrator sees them, nothing must be left at the tip
-    if np.abs(missed).max() > _ABSOLUTE:
+    missed = np.zeros(3) if configuration.kind.live else tip[parts["force"]]
+    if np.abs(missed).max() > _ABSOLUTE:  # of dead loads as this integrator sees them nothing must be left at the tip
         start[parts["force"]] -= missed
         _, tip = integrate(configuration, start, points)
-    correction = newton_correction(shooting.linearize(z)[1], tip[tip_rows(configuration.tube_count)])
+    correction = newton_correction(shooting.linearize(z)[1], tip[shooting.functions.tip_rows])
     corrected = shooting.start(z + correction)
-    corrected[parts["force"]] = start[parts["force"]]
+    corrected[parts["force"]] -= missed
     states, _ = integrate(configuration, corrected, points)
     return float(np.linalg.norm(states[parts["position"]] - positions, axis=0).max())

@@ -1,0 +1,217 @@
+"""The minimum-energy formulation (paper, Appendix, extended by loads and transmissions) as a nonlinear program.
+
+Variables: the transmissions' ``v_i`` (twist ``sqrt(compliance_i) v_i``, energy ``v_i^2 / 2``), the curvatures
+``w = (u_xy, u_i,z)`` at points of every step, and the states ``y = (p, q, psi)`` at the nodes (and, by collocation, at
+those points), which the kinematics tie to them. Minimized is ``Pi`` = elastic energy + potential of the loads. The
+multipliers of the nodes' equations are the internal forces and moments.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mechanics import boundary, rod
+from ..mechanics.loading import LoadKind
+from ..mechanics.sections import Configuration
+from ..mechanics.so3 import quaternion_rate
+from ..mechanics.state import State, state_names
+from ..robot.checks import Array
+from . import guess
+from .columns import EntryColumn, StepColumns
+from .guess import Guess
+from .integrators import runge_kutta
+from .nlp import Nlp, NlpBuilder, padded
+from .schemes import Collocation, Transcription, interpolation, tableau
+from .shape import Shape
+from .shooting import Nodes
+
+
+class EnergyProgram:
+    """The program for a number of tubes and steps and a kind of loads; its numbers come from columns of data."""
+
+    def __init__(self, tubes: int, transcription: Transcription, integrator: str, kind: LoadKind, steps: int) -> None:
+        self.tubes, self.transcription, self.steps = tubes, transcription, steps
+        self.integrator = runge_kutta(integrator)
+        if isinstance(transcription, Collocation):
+            self.points = tableau(transcription.degree, transcription.scheme)
+            self.data_nodes, self.data_weights = self.points.nodes, self.points.weights
+        else:
+            self.points = tableau(transcription.degree or (self.integrator.order + 1) // 2)
+            self.data_nodes, self.data_weights = self.integrator.nodes, self.integrator.weights
+        self.degree = len(self.points.nodes)
+        self.columns = StepColumns(tubes, len(self.data_nodes), kind)
+        self.entry = EntryColumn(tubes, kind)
+        self.states = 7 + tubes
+        self.controls = 2 + tubes
+        self.nlp = self._build()
+        self.with_costates = self._with_costates()
+
+    def _build(self) -> Nlp:
+        states = state_names(self.tubes)[: self.states]
+        controls = ["u_x", "u_y", *(f"u_{i},z" for i in range(self.tubes))]
+        at_points = [f"point {j}, {name}" for j in range(self.degree) for name in states]
+        builder = NlpBuilder()
+        columns = builder.parameter("columns", self.columns.size, self.steps)
+        entry = builder.parameter("entry", self.entry.size)
+        twist = builder.variable("transmission", [f"v_{i}" for i in range(self.tubes)])
+        y = builder.variable("state", states, self.steps + 1)
+        inner = [builder.variable("inner state", at_points, self.steps)] if self.collocates else []
+        rows = [f"point {j}, {name}" for j in range(self.degree) for name in controls]
+        w = builder.variable("curvature", rows, self.steps)
+        begin = self.entry.entry(entry)
+        angles = begin.free_angles + ca.sqrt(begin.compliance) * twist
+        builder.equation("entry", states, ca.vertcat(begin.position, begin.orientation, angles) - y[:, 0])
+        *defects, ends, energies = self._step().map(self.steps)(y[:, :-1], *inner, w, y[:, 1:], columns)
+        if defects:
+            builder.equation("collocation", at_points, defects[0])
+        builder.equation("node", states, ends)
+        here = self.entry.point_energy(entry, begin.position)
+        return builder.build(ca.sum2(energies) + 0.5 * ca.sumsqr(twist) + here)
+
+    @property
+    def collocates(self) -> bool:
+        """Whether states at inner points are variables."""
+        return isinstance(self.transcription, Collocation)
+
+    def _step(self) -> ca.Function:
+        """One step: defects of the inner states, if there are any, and of the end, and the step's part of ``Pi``."""
+        y, end = ca.SX.sym("y", self.states), ca.SX.sym("end", self.states)
+        w, column = ca.SX.sym("w", self.controls, self.degree), ca.SX.sym("column", self.columns.size)
+        if self.collocates:
+            inner = ca.SX.sym("inner", self.states, self.degree)
+            defects, arrival, energy = self._collocation_step(y, inner, w, column)
+            given, results = [y, ca.vec(inner), ca.vec(w), end, column], [ca.vec(defects)]
+        else:
+            arrival, energy = self._shooting_step(y, w, column)
+            given, results = [y, ca.vec(w), end, column], []
+        energy += self.columns.point_energy(column, end[:3]) + 0.5 * ca.if_else(column[0] == 0, ca.sumsqr(w), 0)
+        return ca.Function("energy_step", given, [*results, arrival - end, energy])
+
+    def _collocation_step(self, y: Any, inner: Any, w: Any, column: Any) -> tuple[Any, Any, Any]:
+        length, points = column[0], self.points
+        rates = [self._rates(inner[:, j], w[:, j], column, j) for j in range(self.degree)]
+        slopes, energies = ca.horzcat(*(rate for rate, _ in rates)), ca.horzcat(*(energy for _, energy in rates))
+        defects = ca.repmat(y, 1, self.degree) + length * (slopes @ ca.DM(points.matrix.T)) - inner
+        return defects, y + length * (slopes @ ca.DM(points.weights)), length * (energies @ ca.DM(points.weights))
+
+    def _shooting_step(self, y: Any, w: Any, column: Any) -> tuple[Any, Any]:
+        curvatures = w @ ca.DM(interpolation(self.points.nodes, self.integrator.nodes).T)
+
+        def derivative(inner: Any, j: int) -> Any:
+            return ca.vertcat(*self._rates(inner[:-1], curvatures[:, j], column, j))
+
+        arrival = self.integrator.step(derivative, ca.vertcat(y, 0), column[0])
+        return arrival[:-1], arrival[-1]
+
+    def _rates(self, y: Any, w: Any, column: Any, node: int) -> tuple[Any, Any]:
+        """``y'`` and ``Pi'`` at a node of the data."""
+        local = self.columns.local(column, node)
+        position, orientation = rod.kinematic_rates(y[3:7], w[:2])
+        energy = rod.elastic_density(y[7:], w[:2], w[2:], local) + self.columns.load_energy(column, node, y[:3])
+        return ca.vertcat(position, orientation, w[2:]), energy
+
+    def _with_costates(self) -> ca.Function:
+        """From ``y``, its costate and the column of the step before to the states left and right of the node."""
+        y, costate = ca.SX.sym("y", self.states), ca.SX.sym("costate", self.states)
+        column = ca.SX.sym("column", self.columns.size)
+        q, u = y[3:7], ca.SX.sym("u", 3)
+        body = ca.mtimes(ca.jacobian(quaternion_rate(q, u), u).T, costate[3:7])
+        left = State(y[:3], q, y[7:], -body[:2], -costate[7:], -costate[:3])
+        right = boundary.jump(left, *self.columns.point_load(column, left))
+        return ca.Function("with_costates", [y, costate, column], [left.joined(), right.joined()])
+
+    @property
+    def free(self) -> NDArray[np.intp]:
+        """The variables that determine all others."""
+        variables = self.nlp.variables
+        return np.concatenate([variables[name].indices.ravel(order="F") for name in ("transmission", "curvature")])
+
+
+@lru_cache(maxsize=32)
+def energy_program(
+    tubes: int, transcription: Transcription, integrator: str, kind: LoadKind, steps: int
+) -> EnergyProgram:
+    """The program, shared by all problems of its size."""
+    return EnergyProgram(tubes, transcription, integrator, kind, steps)
+
+
+class EnergyProblem:
+    """The energy of a configuration on a mesh, ready for numbers; dimensionless."""
+
+    def __init__(
+        self, configuration: Configuration, mesh: Array, transcription: Transcription, integrator: str = "RK8"
+    ) -> None:
+        self.configuration = configuration
+        self.mesh = mesh
+        if isinstance(transcription, Collocation):
+            integrator = "RK8"  # not used
+        tubes, steps = configuration.tube_count, padded(len(mesh))
+        self.program = energy_program(tubes, transcription, integrator, configuration.kind, steps)
+        layout = self.program.columns
+        self._columns = layout.pad(layout.pack(configuration, mesh, self.program.data_nodes), steps)
+        total = layout.total_force(self._columns, self.program.data_weights)
+        self._entry = self.program.entry.pack(configuration, total)
+
+    @property
+    def parameters(self) -> Array:
+        """The program's parameters."""
+        return np.concatenate((self._columns.ravel(order="F"), self._entry))
+
+    def straight(self) -> Array:
+        """The guess that needs no thought."""
+        points, steps = self.program.points.nodes, self.program.steps
+        return self._variables(guess.straight(self.configuration, self.mesh, points, steps))
+
+    def like(self, shape: Shape) -> Array:
+        """The guess that another shape gives."""
+        points, steps = self.program.points.nodes, self.program.steps
+        return self._variables(guess.like(self.configuration, self.mesh, points, steps, shape))
+
+    def _variables(self, start: Guess) -> Array:
+        states, variables = self.program.states, self.program.nlp.variables
+        torque = start.nodes[State.parts(self.configuration.tube_count)["torsion"], 0]
+        compliance = self._entry[self.program.entry.parts["compliance"]]
+        blocks = {
+            "transmission": np.sqrt(compliance) * torque,
+            "state": start.nodes[:states],
+            "inner state": start.inner[:states],
+            "curvature": start.curvatures,
+        }
+        return np.concatenate([blocks[name].ravel(order="F") for name in variables])
+
+    def metric(self) -> Array:
+        """The elastic energy's weights of the free variables, at fixed preset curvature."""
+        parts, weights = self.program.columns.parts, self.program.points.weights
+        bending = self._columns[parts["bending_stiffness"]].sum(axis=0)
+        stiffness = np.vstack((bending, bending, self._columns[parts["torsional_stiffness"]]))
+        lengths = self._columns[0]
+        metric = np.einsum("k,j,ik->kji", lengths, weights, stiffness)
+        metric[lengths == 0.0] = 1.0
+        return np.concatenate((np.ones(self.configuration.tube_count), metric.ravel()))
+
+    def recover(self, x: Array, multipliers: Array) -> tuple[Nodes, Array]:
+        """Full states at the mesh's nodes out of a solution, and the boundary unknowns ``z``.
+
+        The multipliers of the states' equations are ``-n`` for the position, ``-tau_i`` for the angles and, for the
+        orientation, minus the moment in quaternion coordinates.
+        """
+        nlp, count = self.program.nlp, len(self.mesh)
+        y = nlp.variables["state"].take(x)[:, : count + 1]
+        costates = [nlp.constraints[name].take(multipliers) for name in ("entry", "node")]
+        costate = np.hstack(costates)[:, : count + 1]
+        entry_jump = np.zeros((self.program.columns.size, 1))
+        for name, part in self.program.columns.parts.items():
+            if name.startswith("point_"):
+                entry_jump[part, 0] = self._entry[self.program.entry.parts[name]]
+        columns = np.hstack((entry_jump, self._columns[:, :count]))
+        left, right = (states.full() for states in self.program.with_costates(y, costate, columns))
+        parts = State.parts(self.configuration.tube_count)
+        z = [left[parts["bending"], 0], left[parts["torsion"], 0]]
+        if self.configuration.kind.live:
+            z.append(left[parts["force"], 0] - self._entry[self.program.entry.parts["force"]])
+        return Nodes(right[:, :count], left[:, 1:], right[:, count]), np.concatenate(z)

@@ -1,0 +1,103 @@
+"""How differential equations become algebraic ones: transcriptions as values, and their tableaus."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, TypeAlias
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.checks import Array, choice
+
+SCHEMES = ("legendre", "radau")
+_HIGHEST = 9  # degree; CasADi's tables of collocation points end there
+
+
+def _degree(scheme: Any, field: attrs.Attribute[Any], value: Any) -> None:
+    if value is None and field.default is None:
+        return
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= _HIGHEST:
+        name = f"{type(scheme).__name__}.{field.name}"
+        raise DefinitionError(f"{name} = {value!r} must be a whole number from 1 to {_HIGHEST}")
+
+
+def _scheme(_: Any, field: attrs.Attribute[Any], value: Any) -> None:
+    choice(value, f"Collocation.{field.name}", SCHEMES)
+
+
+@attrs.frozen
+class Collocation:
+    """Collocation: the equations hold at ``degree`` points of every step.
+
+    Parameters
+    ----------
+    degree
+        1 to 9.
+    scheme
+        ``"legendre"``: Gauss-Legendre points, of order ``2 degree`` at the nodes; ``"radau"``: Radau IIA points, of
+        order ``2 degree - 1``, the end of the step among them.
+
+    Examples
+    --------
+    >>> Collocation(3, scheme="radau").order
+    5
+    """
+
+    degree: int = attrs.field(default=4, validator=_degree)
+    scheme: str = attrs.field(default="legendre", validator=_scheme)
+
+    @property
+    def order(self) -> int:
+        """Order of the error at the nodes in the length of the steps."""
+        return 2 * self.degree - (self.scheme == "radau")
+
+
+@attrs.frozen
+class MultipleShooting:
+    """Multiple shooting: every step is integrated by the problem's Runge-Kutta method and joined to the next.
+
+    Parameters
+    ----------
+    degree
+        Of the energy formulation alone: in every step the curvatures are polynomials given at ``degree`` Gauss-Legendre
+        points. Default: half the order of the integrator, rounded up, so that neither limits the other.
+
+    Examples
+    --------
+    >>> MultipleShooting().degree is None
+    True
+    """
+
+    degree: int | None = attrs.field(default=None, validator=_degree)
+
+
+Transcription: TypeAlias = Collocation | MultipleShooting
+
+
+@attrs.frozen(eq=False)
+class Tableau:
+    """Points in ``(0, 1]``, weights, and the matrix that integrates the collocation polynomial from 0 to each point."""
+
+    nodes: Array
+    weights: Array
+    matrix: Array
+
+
+@cache
+def tableau(degree: int, scheme: str = "legendre") -> Tableau:
+    """The collocation method of that name."""
+    nodes = np.array(ca.collocation_points(degree, scheme))
+    powers = np.arange(degree)
+    vandermonde = nodes[:, None] ** powers
+    matrix = np.linalg.solve(vandermonde.T, (nodes[:, None] ** (powers + 1) / (powers + 1)).T).T
+    weights = np.linalg.solve(vandermonde.T, 1.0 / (powers + 1))
+    return Tableau(nodes, np.asarray(weights, dtype=np.float64), np.asarray(matrix, dtype=np.float64))
+
+
+def interpolation(nodes: Array, points: Array) -> Array:
+    """The matrix that takes values at ``nodes`` to those of their polynomial at ``points``."""
+    powers = np.arange(len(nodes))
+    return np.asarray(np.linalg.solve((nodes[:, None] ** powers).T, (points[:, None] ** powers).T).T)
