@@ -27,7 +27,7 @@ def test_the_readme_has_exactly_two_commands():
 
 
 def test_the_files_in_the_docs_load(tmp_path):
-    robot, problem = blocks("docs/files.md", "toml")
+    robot, problem, plan = blocks("docs/files.md", "toml")
     second = robot[robot.index("[[tubes]]") :].replace("inner", "outer").replace("1.25 mm", "2 mm")
     second = second.replace("1.75 mm", "2.4 mm").replace('outer_diameter = "2 mm"', 'inner_diameter = "2 mm"', 1)
     second = re.sub(r'outer_diameter = "2 mm".*\n', "", second)
@@ -36,6 +36,9 @@ def test_the_files_in_the_docs_load(tmp_path):
     (tmp_path / "curvature.csv").write_text("0, 0, 7, 0\n0.02, 0, 7, 0\n0.05, 0, 8, 0\n")
     (tmp_path / "load.csv").write_text("0, 1, 0, 0, 0, 0, 0\n0.1, 1, 0, 0, 0, 0, 0\n")
     assert len(ctr.load_problem(tmp_path / "problem.toml").loads) == 6
+    (tmp_path / "plan.toml").write_text(plan)
+    (tmp_path / "plan.csv").write_text(*blocks("docs/files.md", "csv"))
+    assert len(ctr.load_plan(tmp_path / "plan.toml").problems) == 1
 
 
 @pytest.mark.parametrize("path", ["docs/theory.md"])
