@@ -91,7 +91,7 @@ def solve(
     for name, (deviation, allowed) in given.deviations(result).items():
         as_expected &= deviation <= allowed
         verdict = "as expected" if deviation <= allowed else "NOT AS EXPECTED"
-        click.echo(f"  {name:<22}{verdict}: {deviation:.1e} off, {allowed:.1e} allowed (SI)")
+        click.echo(f"  {name + ' ':<22}{verdict}: {deviation:.1e} off, {allowed:.1e} allowed (SI)")
     if output is not None:
         save_shape(result, output)
         click.echo(f"shape written to {output}")

@@ -24,7 +24,7 @@ def as_forces(loads):
         if isinstance(load, ctr.PointMass):
             forces.append(ctr.PointWrench(load.mass * g, arc_length=load.arc_length, tube=load.tube))
         elif isinstance(load, ctr.DistributedMass):
-            forces.append(ctr.DistributedLoad(load.mass_per_length * g, None, load.start, load.end, load.tube))
+            forces.append(ctr.DistributedLoad(load.mass_per_length * g, start=load.start, end=load.end, tube=load.tube))
         elif not isinstance(load, ctr.Gravity):
             forces.append(load)
     return forces
