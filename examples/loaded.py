@@ -38,4 +38,6 @@ for name, (deviation, allowed) in ctr.load_problem(RJW / "fig9_loaded.toml").dev
     assert deviation <= allowed
 
 if len(sys.argv) > 1:
-    save_figure(figure_equilibrium(pushed, free), sys.argv[1])
+    figure = figure_equilibrium(pushed, free)
+    figure.set_size_inches(11.0, 7.2)
+    save_figure(figure, sys.argv[1])

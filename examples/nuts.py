@@ -20,9 +20,8 @@ problem = ctr.ForwardProblem(even.robot, tolerance=1e-9)
 free = problem.solve(even.actuation)
 spread = problem.solve(even.actuation, even.loads)
 sag = spread.tip_position - free.tip_position
-print(
-    f"{1e3 * MASS:.2f} g on {1e3 * free.length:.1f} mm, spread evenly, move the tip by {1e3 * np.linalg.norm(sag):.3f} mm"
-)
+print(f"{1e3 * MASS:.2f} g on {1e3 * free.length:.1f} mm, spread evenly", end=" ")
+print(f"move the tip by {1e3 * np.linalg.norm(sag):.3f} mm")
 
 
 def hung(count):

@@ -20,6 +20,23 @@ def test_the_code_in_the_readme_runs(capsys):
     assert scope["pushed"].verify() < scope["pushed"].discretization_error
 
 
+def test_the_table_of_the_experiments_is_what_its_code_prints(capsys):
+    path = "docs/experiments.md"
+    (code,) = blocks(path, "python")
+    exec(code, {})
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 5
+    for line in lines:
+        assert line in Path(path).read_text("utf-8")
+
+
+def test_the_commands_of_the_experiments_name_files_that_exist():
+    words = " ".join(blocks("docs/experiments.md", "sh")).split()
+    files = [word for word in words if "/" in word]
+    assert len(files) > 5
+    assert all(Path(file).exists() for file in files)
+
+
 def test_the_readme_has_exactly_two_commands():
     run, test = blocks("README.md", "sh")
     assert run.strip().endswith("ctr-opt solve problems/rjw_s1/fig9_loaded.toml")
