@@ -14,6 +14,7 @@ from scipy.optimize import root
 from test_paper_equations import Paper, Rz
 
 import ctr_opt as ctr
+from ctr_opt.plans import is_plan
 
 
 def as_forces(loads):
@@ -57,7 +58,7 @@ def paper_equilibrium(robot, actuation, loads):
 
 
 def main(file):
-    if "cases" not in file.read_text("utf-8"):
+    if not is_plan(file):
         problem = ctr.load_problem(file)
         for values in paper_equilibrium(problem.robot, problem.actuation, problem.loads):
             sys.stdout.write(f"{values.tolist()}\n")

@@ -56,6 +56,14 @@ def test_case_is_solved_as_expected(case):
     assert result.verify() <= 1e-7 * result.length
 
 
+@pytest.mark.parametrize("case", [str(case) for case in range(2, 81, 13)])
+def test_minimum_energy_finds_the_same_stable_shape(case):
+    result = CASES[case].with_solver({"formulation": "energy"}).solve()
+    ((deviation, allowed),) = CASES[case].deviations(result).values()
+    assert deviation <= allowed
+    assert result.stability_checked
+
+
 @pytest.mark.parametrize("case", ["10", "30", "56", "78"])
 def test_expected_tip_is_that_of_the_papers_equations(case):
     """Near the snap, in the middle, Fig. 9, and the paper's outlier."""
