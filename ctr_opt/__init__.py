@@ -18,6 +18,8 @@ from .files import load_robot as load_robot
 from .files import save_robot as save_robot
 from .files import save_shape as save_shape
 from .forward import ForwardProblem as ForwardProblem
+from .plans import Plan as Plan
+from .plans import load_plan as load_plan
 from .robot.actuation import Actuation as Actuation
 from .robot.curves import precurvature_from_curve as precurvature_from_curve
 from .robot.fields import ExpressionLoad as ExpressionLoad

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import sys
 import textwrap
 import warnings
@@ -60,8 +61,9 @@ def solve(
     tolerance: float | None,
     verify: bool,
 ) -> None:
-    """Solve a problem file and print a report."""
+    """Solve a problem file and print a report, or every case of a plan and print a line each."""
     from .files import load_problem, save_shape
+    from .plans import is_plan
     from .plotting import FIGURES, figure_equilibrium, save_figure
     from .shape_files import WRITERS
     from .writing import check_output
@@ -70,7 +72,16 @@ def solve(
         if path is not None:
             check_output(path, suffixes)
     told = {"formulation": formulation, "tolerance": tolerance}
-    given = load_problem(problem).with_solver({name: value for name, value in told.items() if value is not None})
+    arguments = {name: value for name, value in told.items() if value is not None}
+    if is_plan(problem):
+        if output is not None or figure is not None:
+            raise DefinitionError(
+                f"{problem} is a plan of many shapes: --output and --figure write one; solve its problems in Python, "
+                "by load_plan, to write them"
+            )
+        _solve_plan(problem, arguments, verify)
+        return
+    given = load_problem(problem).with_solver(arguments)
     result = given.solve()
     click.echo(given.title)
     click.echo(result.report())
@@ -80,7 +91,7 @@ def solve(
     for name, (deviation, allowed) in given.deviations(result).items():
         as_expected &= deviation <= allowed
         verdict = "as expected" if deviation <= allowed else "NOT AS EXPECTED"
-        click.echo(f"  {name:<22}{verdict}: {deviation:.1e} off, {allowed:.1e} allowed (SI)")
+        click.echo(f"  {name + ' ':<22}{verdict}: {deviation:.1e} off, {allowed:.1e} allowed (SI)")
     if output is not None:
         save_shape(result, output)
         click.echo(f"shape written to {output}")
@@ -92,18 +103,55 @@ def solve(
         sys.exit(_NOT_SOLVED)
 
 
+def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
+    """Solve every case, with a line each, and sum up."""
+    from .plans import load_plan
+
+    plan = load_plan(path)
+    count = len(plan.problems)
+    click.echo(f"{plan.title}: {count} cases")
+    click.echo("  case   length [mm]   force [N]   tip position [mm]")
+    solved, as_expected, largest = 0, 0, 0.0
+    for case, problem in enumerate(plan.problems, start=1):
+        result = problem.with_solver(arguments).solve(throw=False)
+        if not result.converged:
+            click.echo(f"  {case:>4}   {result.status.description}")
+            continue
+        solved += 1
+        force = math.hypot(*result.internal_force(0.0))
+        line = (
+            f"  {case:>4}   {1e3 * result.length:>11.3f}   {force:>9.3f}   ("
+            + ", ".join(f"{1e3 * x:10.6f}" for x in result.tip_position)
+            + ")"
+        )
+        if verify:
+            line += f"   verified to {result.verify():.1e} m"
+        for deviation, allowed in problem.deviations(result).values():
+            as_expected += deviation <= allowed
+            largest = max(largest, deviation)
+            line += f"   {'as expected' if deviation <= allowed else 'NOT AS EXPECTED'}: {deviation:.1e} m off"
+        click.echo(line)
+    click.echo(f"{solved} of {count} solved")
+    if plan.expected:
+        allowed = plan.expected["position_tolerance"]
+        click.echo(f"{as_expected} of {count} as expected: largest deviation {largest:.1e} m, {allowed:.1e} m allowed")
+    if solved < count or (plan.expected and as_expected < count):
+        sys.exit(_NOT_SOLVED)
+
+
 @cli.command("list")
 @click.argument("folder", type=_FILE, default=Path("problems"))
 def list_problems(folder: Path) -> None:
-    """List the problems below FOLDER (default: ./problems), with their source and expected answer."""
+    """List the problems and plans below FOLDER (default: ./problems), with their source and expected answer."""
     from .files import find_problems, load_problem
+    from .plans import find_plans, is_plan, load_plan
 
-    paths = find_problems(folder)
+    paths = sorted([*find_problems(folder), *find_plans(folder)])
     if not paths:
         click.echo(f"no problem files below {folder}")
     for path in paths:
         try:
-            problem = load_problem(path)
+            problem: Any = load_plan(path) if is_plan(path) else load_problem(path)
         except DefinitionError as error:
             click.echo(f"{path}\n  not readable: {error}")
             continue
@@ -117,10 +165,11 @@ def list_problems(folder: Path) -> None:
 @click.argument("file", type=_FILE)
 @click.option("--strict", is_flag=True, help="Refuse tubes that do not nest, instead of warning of them.")
 def check(file: Path, strict: bool) -> None:
-    """Check a robot file (or a problem file) and print what it says."""
+    """Check a robot file (or a problem or plan) and print what it says."""
     from .files import check_file
+    from .plans import check_plan, is_plan
 
-    click.echo(check_file(file, on_overlap="error" if strict else "warn"))
+    click.echo(check_plan(file) if is_plan(file) else check_file(file, on_overlap="error" if strict else "warn"))
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import os
-import reprlib
-import tomllib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import attrs
 import numpy as np
 
 from .equilibrium import Equilibrium
-from .errors import CtrOptError, DefinitionError
+from .errors import DefinitionError
 from .forward import ForwardProblem
+from .reading import at as _at
+from .reading import read_csv
+from .reading import read_toml as _read_toml
 from .robot.actuation import Actuation
 from .robot.checks import Array, choice, number
 from .robot.loads import DistributedLoad, Load, PointWrench
@@ -25,9 +26,9 @@ from .robot.tube import Tube
 from .robot.weights import DistributedMass, Gravity, PointMass
 from .writing import check_output, write_atomically
 
-_T = TypeVar("_T")
 _TOLERANCES = {
     "tip_position": "position_tolerance",
+    "tip_height_and_distance": "position_tolerance",
     "tip_direction": "direction_tolerance",
     "base_torsions": "torsion_tolerance",
 }
@@ -72,6 +73,7 @@ class Problem:
         torsions = [equilibrium.torsion(i, 0.0) for i in range(len(self.robot.tubes))]
         found = {
             "tip_position": equilibrium.tip_position,
+            "tip_height_and_distance": _height_and_distance(equilibrium),
             "tip_direction": equilibrium.tip_pose[:3, 2],
             "base_torsions": np.array(torsions),
         }
@@ -80,6 +82,13 @@ class Problem:
             for name, tolerance in _TOLERANCES.items()
             if name in self.expected
         }
+
+
+def _height_and_distance(equilibrium: Equilibrium) -> Array:
+    """The tip's height along the entry's z axis and its distance from it, m: the same however the robot is turned."""
+    base = equilibrium.robot.base_pose
+    x, y, z = base[:3, :3].T @ (equilibrium.tip_position - base[:3, 3])
+    return np.array([z, np.hypot(x, y)])
 
 
 def load_robot(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Robot:
@@ -182,7 +191,7 @@ def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str
 
 
 def find_problems(folder: str | os.PathLike[str]) -> list[Path]:
-    """The problem files below a folder, in order; TOML files without a ``title`` and a ``robot`` are passed over."""
+    """The problem files below a folder, in order; other TOML files (robots, plans) are passed over."""
     root = Path(folder)
     if not root.is_dir():
         raise DefinitionError(f"there is no folder {str(root)!r}")
@@ -191,9 +200,10 @@ def find_problems(folder: str | os.PathLike[str]) -> list[Path]:
 
 def _is_problem(file: Path) -> bool:
     try:
-        return {"title", "robot"} <= set(_read_toml(file))
+        keys = set(_read_toml(file))
     except DefinitionError:
         return False
+    return {"title", "robot"} <= keys and "cases" not in keys
 
 
 def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:
@@ -206,36 +216,6 @@ def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:
     file = Path(path)
     check_output(file, tuple(WRITERS))
     write_atomically(file, lambda temporary: WRITERS[file.suffix](equilibrium, temporary))
-
-
-def _read_toml(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise DefinitionError(f"{file} is no text in UTF-8, so no TOML file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise DefinitionError(f"{file} is no valid TOML, perhaps cut off: {error}") from None
-    except ValueError as error:
-        raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
-    except RecursionError:
-        raise DefinitionError(f"{file} is nested too deeply to be a robot or problem file") from None
-
-
-def _at(file: Path, place: str, build: Callable[[], _T]) -> _T:
-    """Build something; an error is told with the file and the place in it."""
-    try:
-        return build()
-    except CtrOptError as error:
-        text = str(error)
-        raise DefinitionError(text if text.startswith(str(file)) else f"{file}: {_joined(place, text)}") from None
-    except ValueError as error:
-        raise DefinitionError(f"{file}: {(place + str(error)).lstrip('.').strip()}") from None
-
-
-def _joined(place: str, text: str) -> str:
-    return f"{place}: {text}" if place else text
 
 
 def _tube(file: Path, k: int, table: dict[str, Any]) -> Tube:
@@ -311,37 +291,6 @@ def _expected(file: Path, robot: Robot, values: dict[str, Any]) -> dict[str, Any
     if len(values.get("base_torsions", robot.tubes)) != len(robot.tubes):
         raise DefinitionError(f"{file}: expected.base_torsions must have {len(robot.tubes)} entries, one for each tube")
     return values
-
-
-def read_csv(file: Path, columns: int) -> Array:
-    """A table of numbers in SI, comma-separated, ``#`` before comments; ``(rows, columns)``."""
-    try:
-        rows = [line.split("#")[0].strip() for line in file.read_text("utf-8-sig").splitlines()]
-    except OSError as error:
-        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise DefinitionError(f"{file} is no text in UTF-8, so no CSV file") from None
-    except ValueError as error:
-        raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
-    table = []
-    for line, row in enumerate(rows, start=1):
-        if not row:
-            continue
-        try:
-            entries = [float(entry) for entry in row.split(",")]
-        except ValueError:
-            raise DefinitionError(
-                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} numbers with commas, "
-                "or a comment behind a #"
-            ) from None
-        if len(entries) != columns or not np.all(np.isfinite(entries)):
-            raise DefinitionError(
-                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} finite numbers with commas"
-            )
-        table.append(entries)
-    if not table:
-        raise DefinitionError(f"{file} holds no numbers, but must hold lines of {columns}")
-    return np.array(table)
 
 
 def _tube_table(tube: Tube) -> dict[str, Any]:

@@ -211,6 +211,7 @@ class ExpectedSchema(Strict):
 
     text = _text(required=True)
     tip_position = Quantity("m", 3)
+    tip_height_and_distance = Quantity("m", 2)
     position_tolerance = Quantity("m")
     tip_direction = Quantity("1", 3)
     direction_tolerance = Quantity("1")
@@ -229,6 +230,25 @@ class ProblemSchema(Strict):
     load_tables = fields.List(fields.Raw(), data_key="loads", error_messages={"invalid": " must be tables [[loads]]"})
     solver = fields.Nested(SolverSchema)
     expected = fields.Nested(ExpectedSchema)
+
+
+class ExpectedTipsSchema(Strict):
+    """``[expected]`` of a plan, whose table holds the tips."""
+
+    text = _text(required=True)
+    position_tolerance = Quantity("m", required=True)
+
+
+class PlanSchema(Strict):
+    """A plan of experiments: a problem file whose actuations and tip forces stand in a table."""
+
+    title = _text(required=True)
+    description = _text()
+    robot = _text(required=True)
+    cases = _text(required=True)
+    source = fields.Nested(SourceSchema, required=True)
+    solver = fields.Nested(SolverSchema)
+    expected = fields.Nested(ExpectedTipsSchema)
 
 
 PIECE_SCHEMAS = {

@@ -20,6 +20,23 @@ def test_the_code_in_the_readme_runs(capsys):
     assert scope["pushed"].verify() < scope["pushed"].discretization_error
 
 
+def test_the_table_of_the_experiments_is_what_its_code_prints(capsys):
+    path = "docs/experiments.md"
+    (code,) = blocks(path, "python")
+    exec(code, {})
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 5
+    for line in lines:
+        assert line in Path(path).read_text("utf-8")
+
+
+def test_the_commands_of_the_experiments_name_files_that_exist():
+    words = " ".join(blocks("docs/experiments.md", "sh")).split()
+    files = [word for word in words if "/" in word]
+    assert len(files) > 5
+    assert all(Path(file).exists() for file in files)
+
+
 def test_the_readme_has_exactly_two_commands():
     run, test = blocks("README.md", "sh")
     assert run.strip().endswith("ctr-opt solve problems/rjw_s1/fig9_loaded.toml")
@@ -27,7 +44,7 @@ def test_the_readme_has_exactly_two_commands():
 
 
 def test_the_files_in_the_docs_load(tmp_path):
-    robot, problem = blocks("docs/files.md", "toml")
+    robot, problem, plan = blocks("docs/files.md", "toml")
     second = robot[robot.index("[[tubes]]") :].replace("inner", "outer").replace("1.25 mm", "2 mm")
     second = second.replace("1.75 mm", "2.4 mm").replace('outer_diameter = "2 mm"', 'inner_diameter = "2 mm"', 1)
     second = re.sub(r'outer_diameter = "2 mm".*\n', "", second)
@@ -36,6 +53,9 @@ def test_the_files_in_the_docs_load(tmp_path):
     (tmp_path / "curvature.csv").write_text("0, 0, 7, 0\n0.02, 0, 7, 0\n0.05, 0, 8, 0\n")
     (tmp_path / "load.csv").write_text("0, 1, 0, 0, 0, 0, 0\n0.1, 1, 0, 0, 0, 0, 0\n")
     assert len(ctr.load_problem(tmp_path / "problem.toml").loads) == 6
+    (tmp_path / "plan.toml").write_text(plan)
+    (tmp_path / "plan.csv").write_text(*blocks("docs/files.md", "csv"))
+    assert len(ctr.load_plan(tmp_path / "plan.toml").problems) == 1
 
 
 @pytest.mark.parametrize("path", ["docs/theory.md"])

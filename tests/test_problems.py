@@ -1,6 +1,8 @@
 from pathlib import Path
 
+import numpy as np
 import pytest
+from paper_tips import paper_equilibrium
 
 import ctr_opt as ctr
 from ctr_opt.files import find_problems
@@ -27,3 +29,23 @@ def test_every_robot_says_where_it_comes_from():
 
     for path in ROOT.rglob("*.toml"):
         assert tomllib.loads(path.read_text("utf-8"))["source"]["text"], path
+
+
+@pytest.mark.parametrize("name", ["fig9_unloaded", "fig9_loaded", "nuts_discrete", "nuts_distributed"])
+def test_expected_values_of_rjw_s1_are_those_of_the_papers_equations(name):
+    problem = ctr.load_problem(ROOT / "rjw_s1" / f"{name}.toml")
+    values = paper_equilibrium(problem.robot, problem.actuation, problem.loads)
+    # The same computation on another machine: integration to 1e-12, amplified along the robot by at most ten or so; the
+    # direction is extrapolated over 2e-9 m at a curvature of 10 1/m.
+    for key, value, atol in zip(
+        ("tip_position", "tip_direction", "base_torsions"), values, (1e-11, 1e-9, 1e-9), strict=True
+    ):
+        np.testing.assert_allclose(problem.expected[key], value, atol=atol)
+
+
+def test_the_nuts_weigh_what_the_paper_says():
+    """Both ways to say it pull with 56.96 g."""
+    for name in ("nuts_discrete", "nuts_distributed"):
+        result = ctr.load_problem(ROOT / "rjw_s1" / f"{name}.toml").solve()
+        # The nuts' masses are written with seven digits.
+        np.testing.assert_allclose(result.internal_force(0.0), [-0.05696 * 9.81, 0.0, 0.0], atol=1e-7)

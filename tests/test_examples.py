@@ -1,0 +1,47 @@
+"""Every example runs from anywhere and holds what it asserts."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+FIGURES = {"fig9": EXAMPLES / "loaded.py"} | {path.stem: path for path in (EXAMPLES / "figures").glob("fig*.py")}
+DOCS = EXAMPLES.parent / "docs" / "figures"
+
+
+def run(script, *arguments, folder):
+    package = os.pathsep.join(path for path in (str(EXAMPLES.parent), os.environ.get("PYTHONPATH")) if path)
+    environment = {**os.environ, "MPLBACKEND": "Agg", "PYTHONPATH": package}
+    command = [sys.executable, "-W", "error", str(script), *arguments]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return done.stdout
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_example_runs(script, tmp_path):
+    assert run(script, folder=tmp_path)
+    assert not list(tmp_path.iterdir())  # it writes nothing unless asked
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_example_is_short_and_asserts_something(script):
+    text = script.read_text("utf-8")
+    assert len(text.splitlines()) < 60
+    assert "assert" in text
+
+
+@pytest.mark.parametrize("name", sorted(FIGURES))
+def test_figure_is_drawn(name, tmp_path):
+    run(FIGURES[name], "figure.png", folder=tmp_path)
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_figure_of_the_docs_has_a_script_and_is_small():
+    assert {path.stem for path in DOCS.glob("*.png")} == set(FIGURES)
+    assert all(path.stat().st_size < 200_000 for path in DOCS.glob("*.png"))
