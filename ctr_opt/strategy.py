@@ -17,7 +17,7 @@ from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .errors import DefinitionError
 from .mechanics.sections import Configuration
 from .robot.checks import Array
-from .solvers.accuracy import ALONG_FAMILY, NEARBY, Estimate, estimate_error
+from .solvers.accuracy import ALONG_FAMILY, NEARBY, Estimate, estimate_error, estimate_error_of_nodes
 from .solvers.homotopy import Homotopy, family_of, regular_between, trace
 from .solvers.ipopt import Ipopt, IpoptPoint, IpoptSolver
 from .solvers.minimum import Minimum, minimize
@@ -43,8 +43,9 @@ METHOD_NAMES: dict[str, type[Newton] | type[Homotopy] | type[Ipopt]] = {
 }
 _REFINEMENTS = 7  # times all steps may be halved to reach the tolerance
 _LOCAL_REFINEMENTS = 30  # times some may: loads with kinks are met by ever shorter steps there
-_PROGRESS = 0.9  # of the error: halving all steps and gaining less meets a limit that is not the discretization's
-_MOST_STEPS = 5000  # no mesh has more
+_PROGRESS = 0.9  # of the error: cutting steps and gaining less meets a limit that is not the discretization's
+_IDLE = 2  # times in succession that this may happen where some steps were cut, as a kink may lie badly once
+_MOST_STEPS = 3000  # no mesh has more
 _SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
@@ -133,6 +134,8 @@ class Run:
                 return way()
             except _Failed as failure:
                 failures.append(failure)
+                if failure.status is SolveStatus.INACCURATE:  # there is an equilibrium: no other way leads nearer
+                    break
         raise failures[-1].after(failures[:-1])
 
     def _ways(self, shooting: Shooting) -> list[Callable[[], Equilibrium]]:
@@ -285,8 +288,7 @@ class Run:
         while True:
             nodes, z, stable = find(mesh, shape)
             shooting = Shooting(self.configuration, mesh, self.settings.integrator)
-            solution = Solution(z, *shooting.linearize(z), 0, True)
-            estimate = estimate_error(shooting, solution, nodes, self.tolerance)
+            estimate, solution = estimate_error_of_nodes(shooting, z, nodes)
             if estimate.error <= self.settings.tolerance:
                 return self._equilibrium(_Reached(shooting, solution, stable), nodes, estimate)
             where = refinement.next(estimate)
@@ -437,8 +439,8 @@ class _Refinement:
 
     def __init__(self, tolerance: float) -> None:
         self._tolerance = tolerance
-        self._last = np.inf
-        self._whole = self._local = 0
+        self._best = np.inf
+        self._whole = self._local = self._idle = 0
 
     def next(self, estimate: Estimate) -> NDArray[np.bool_] | None:
         """The steps that are too long; None to give up."""
@@ -446,8 +448,9 @@ class _Refinement:
         whole = bool(where.all())
         self._whole += whole
         self._local += not whole
-        stuck = whole and estimate.error > _PROGRESS * self._last
-        self._last = estimate.error
+        self._idle = 0 if estimate.error <= _PROGRESS * self._best else self._idle + 1
+        self._best = min(self._best, estimate.error)
+        stuck = self._idle > (0 if whole else _IDLE)
         many = len(where) + where.sum() > _MOST_STEPS
         if stuck or many or not where.any() or self._whole >= _REFINEMENTS or self._local >= _LOCAL_REFINEMENTS:
             return None

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robot.checks import Array
+from ..transcription.closure import close
 from ..transcription.linear import newton_correction
 from ..transcription.shooting import Nodes, Shooting
 from .newton import Newton, Solution, newton
@@ -61,5 +62,29 @@ def estimate_error(shooting: Shooting, solution: Solution, nodes: Nodes, toleran
         z = exact.z
         fine_nodes, _ = finer.sweep(z)
     difference = np.linalg.norm(nodes.left[:3] - fine_nodes.left[:3, 1::2], axis=0).max()
-    local = np.abs(finer.advance(finer.advance(nodes.right, 0), 1) - nodes.left).max(axis=0)
-    return Estimate(float(_SAFETY * difference + _ROUNDING), finer, z, local)
+    return Estimate(float(_SAFETY * difference + _ROUNDING), finer, z, _local(_two_halves(finer, nodes), nodes))
+
+
+def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: Nodes) -> tuple[Estimate, Solution]:
+    """The same for nodes that another discretization found, without shooting from the entry to the tip.
+
+    The difference to the finer solution is what closes the gaps that half the steps' length leaves. Also the unknowns
+    ``z`` as a solution, with the residual and Jacobian there.
+    """
+    finer = shooting.refined()
+    ends = _two_halves(finer, nodes)
+    closure = close(shooting, z, nodes, ends)
+    difference = np.linalg.norm(closure.states[:3], axis=0).max()
+    error = float(_SAFETY * difference + _ROUNDING) if np.isfinite(difference) else np.inf
+    residual = nodes.tip[shooting.functions.tip_rows]
+    solution = Solution(z, residual, closure.jacobian, 0, True)
+    return Estimate(error, finer, z + closure.unknowns, _local(ends, nodes)), solution
+
+
+def _two_halves(finer: Shooting, nodes: Nodes) -> Array:
+    """Where two halves of every step end that begin at the nodes."""
+    return finer.advance(finer.advance(nodes.right, 0), 1)
+
+
+def _local(ends: Array, nodes: Nodes) -> Array:
+    return np.asarray(np.nan_to_num(np.abs(ends - nodes.left).max(axis=0), nan=np.inf))

@@ -72,8 +72,12 @@ class ShootingFunctions:
         energy = rod.elastic_density(state.angles, bent, twisted, local)
         self.local = ca.Function("local", [x, local_column], [bent, twisted, moments, energy])
         self.rates = ca.Function("rates", [x, local_column], [rod.rates(state, local).joined()])
-        behind = boundary.jump(state, *single.point_load(local_column, state)).joined()
-        self.point_jump = ca.Function("point_jump", [x, local_column], [behind])
+        behind = boundary.jump(state, *self.columns.point_load(column, state)).joined()
+        self.jumped = ca.Function("jumped", [x, column], [behind])
+        directions, gap = ca.SX.sym("directions", State.size(tubes), 6 + tubes), ca.SX.sym("gap", State.size(tubes))
+        carried = ca.jtimes(after, x, directions)
+        carried[:, -1] += gap
+        self._carry = ca.Function("carry", [directions, x, column, gap], [carried], {"cse": True})
 
     def _step(self, x: Any, column: Any) -> tuple[Any, Any]:
         def derivative(inner: Any, j: int) -> Any:
@@ -109,6 +113,20 @@ class ShootingFunctions:
         extra = ((0, 0), (0, key[1] - points))
         results = self._maps[key](np.pad(states, extra, mode="edge"), np.pad(columns, extra, mode="edge"))
         return tuple(result.full()[:, :points] for result in (results if isinstance(results, tuple) else (results,)))
+
+    def carry(self, first: Array, states: Array, columns: Array, gaps: Array) -> list[Array]:
+        """``first (size, 6 + tubes)`` carried along by the linearized steps from ``states (size, k)``.
+
+        The last column collects the ``gaps (size, k)`` on the way. One matrix for each node, ``k + 1`` in all.
+        """
+        count = states.shape[1]
+        size = padded(count)
+        if ("carry", size) not in self._maps:
+            self._maps["carry", size] = self._carry.mapaccum("carry", size)
+        rest = ((0, 0), (0, size - count))
+        padding = [np.pad(each, rest, mode="edge") for each in (states, columns, gaps)]
+        found = self._maps["carry", size](first, *padding).full()[:, : count * first.shape[1]]
+        return [first, *np.split(found, count, axis=1)]
 
     def linearized(self, count: int) -> ca.Function:
         """``(z, entry, columns) -> (residual, its Jacobian)``."""
@@ -163,7 +181,7 @@ class Shooting:
         columns = layout.pack(configuration, mesh, self.functions.integrator.nodes)
         self._columns = layout.pad(columns, padded(len(mesh)))
         total = layout.total_force(columns, self.functions.integrator.weights)  # its own quadrature: n ends at zero
-        self._entry = self.functions.entry.pack(configuration, total)
+        self.entry = self.functions.entry.pack(configuration, total)
         self.unknowns = self.functions.unknowns
 
     @property
@@ -171,11 +189,16 @@ class Shooting:
         """The symbolic functions, which are shared and never pickled."""
         return shooting_functions(self.configuration.tube_count, self.integrator, self.kind)
 
+    @property
+    def columns(self) -> Array:
+        """The data of the steps."""
+        return self._columns[:, : len(self.mesh)]
+
     def scaled(self, conservative: float = 1.0, rest: float = 1.0, precurvature: float = 1.0) -> Shooting:
         """The same problem with the loads that have a potential, the rest and the preset curvatures multiplied."""
         other = copy(self)
         other._columns = self._columns * self.functions.columns.factors(conservative, rest, precurvature)[:, None]
-        other._entry = self._entry * self.functions.entry.factors(conservative, rest, precurvature)
+        other.entry = self.entry * self.functions.entry.factors(conservative, rest, precurvature)
         return other
 
     def refined(self, where: NDArray[np.bool_] | None = None) -> Shooting:
@@ -190,16 +213,16 @@ class Shooting:
     def linearize(self, z: Array) -> tuple[Array, Array]:
         """Residual ``(unknowns,)`` and its exact Jacobian."""
         function = self.functions.linearized(self._columns.shape[1])
-        residual, jacobian = function(z, self._entry, self._columns)
+        residual, jacobian = function(z, self.entry, self._columns)
         return residual.full()[:, 0], jacobian.full()
 
     def start(self, z: Array) -> Array:
         """The state right of ``s = 0``."""
-        return np.asarray(self.functions.start(z, self._entry)[0].full()[:, 0])
+        return np.asarray(self.functions.start(z, self.entry)[0].full()[:, 0])
 
     def sweep(self, z: Array) -> tuple[Nodes, Array]:
         """The states at the mesh's nodes, and the boundary residual."""
-        start, after, before = self.functions.sweep(self._columns.shape[1])(z, self._entry, self._columns)
+        start, after, before = self.functions.sweep(self._columns.shape[1])(z, self.entry, self._columns)
         right = np.hstack((start.full(), after.full()))
         count = len(self.mesh)
         nodes = Nodes(right[:, :count], before.full()[:, :count], right[:, count])

@@ -1,76 +1,54 @@
-"""The check of a shape by an integrator that knows nothing of the mesh: SciPy's adaptive DOP853."""
+"""The check of a shape by an integrator that knows nothing of its discretization: SciPy's adaptive DOP853."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
 from ..mechanics.sections import Configuration
 from ..mechanics.state import State
 from ..robot.checks import Array
+from .closure import close
 from .columns import StepColumns
-from .linear import newton_correction
 from .shape import Shape
 from .shooting import Shooting, shooting_functions
 
-_RELATIVE, _ABSOLUTE = 1e-11, 1e-13
+_RELATIVE, _ABSOLUTE = 1e-12, 1e-14
 
 
-def integrate(configuration: Configuration, start: Array, points: Array) -> tuple[Array, Array]:
-    """From the dimensionless state behind ``s = 0`` to the tip: states from the left at ``points``, and behind the tip.
+def integrate(configuration: Configuration, mesh: Array, right: Array) -> tuple[Array, Array]:
+    """Dimensionless states in the middle and at the end of every step of a mesh, from those ``right`` of its start.
 
-    ``points`` must contain every break point but 0.
+    All steps at once, each an initial-value problem of its own, with data taken at every ``s`` it asks for.
     """
     from scipy.integrate import solve_ivp
 
     functions = shooting_functions(configuration.tube_count, kind=configuration.kind)
     layout = StepColumns(configuration.tube_count, 1, configuration.kind)
-    length = configuration.length
-    state, states = start, np.zeros((len(start), len(points)))
-    for a, b in zip(configuration.break_points, configuration.break_points[1:], strict=False):
-        inside = (points > a) & (points <= b)
-        rates = _rates(configuration, layout, float(a), float(b))
-        found = solve_ivp(
-            rates, (a / length, b / length), state, "DOP853", points[inside] / length, rtol=_RELATIVE, atol=_ABSOLUTE
-        )
-        if not found.success:
-            raise ArithmeticError(f"the integration stopped in [{a:g}, {b:g}] m: {found.message}")
-        states[:, inside] = found.y
-        end = layout.pack(configuration, np.array([[a, b]]), np.ones(1))
-        state = functions.point_jump(found.y[:, -1], end).full()[:, 0]
-    return states, state
+    start, lengths, middle = mesh[:, 0], np.diff(mesh)[:, 0], mesh.mean(axis=1)
 
+    def rates(t: float, states: Array) -> Array:
+        pieces = np.column_stack((start, start + t * lengths))
+        columns = layout.pack(configuration, pieces, np.ones(1), middle)
+        (slopes,) = functions.many(functions.rates, states.reshape(right.shape), columns)
+        return np.asarray((slopes * (lengths / configuration.length)).ravel())
 
-def _rates(configuration: Configuration, layout: StepColumns, start: float, end: float) -> Any:
-    """The right-hand side in one section, with its data taken at every ``s`` anew."""
-    function = shooting_functions(configuration.tube_count, kind=configuration.kind).rates
-    middle, length = np.array([0.5 * (start + end)]), configuration.length
-
-    def rates(s: float, state: Array) -> Array:
-        column = layout.pack(configuration, np.array([[start, s * length]]), np.ones(1), middle)
-        return np.asarray(function(state, column).full()[:, 0])
-
-    return rates
+    found = solve_ivp(rates, (0.0, 1.0), right.ravel(), "DOP853", (0.5, 1.0), rtol=_RELATIVE, atol=_ABSOLUTE)
+    if not found.success:
+        raise ArithmeticError(f"the integration of a step stopped: {found.message}")
+    return found.y[:, 0].reshape(right.shape), found.y[:, 1].reshape(right.shape)
 
 
 def defect(shooting: Shooting, z: Array, shape: Shape) -> float:
-    """Largest dimensionless distance between a shape, at the middle and the end of every step, and the exact one.
+    """Largest dimensionless distance between a shape, at both ends and the middle of every step, and the exact one.
 
-    The exact shape: integrated from ``z``, corrected by one Newton step with the residual the integrator finds.
+    The exact shape: every step integrated anew, the gaps that this leaves closed by one Newton step.
     """
-    configuration, mesh = shooting.configuration, shooting.mesh
-    points = np.column_stack((mesh.mean(axis=1), mesh[:, 1])).ravel()
-    positions = shape.at(points, from_left=True).state.position / configuration.length
-    parts = State.parts(configuration.tube_count)
-    start = shooting.start(z)
-    _, tip = integrate(configuration, start, points)
-    missed = np.zeros(3) if configuration.kind.live else tip[parts["force"]]
-    if np.abs(missed).max() > _ABSOLUTE:  # of dead loads as this integrator sees them nothing must be left at the tip
-        start[parts["force"]] -= missed
-        _, tip = integrate(configuration, start, points)
-    correction = newton_correction(shooting.linearize(z)[1], tip[shooting.functions.tip_rows])
-    corrected = shooting.start(z + correction)
-    corrected[parts["force"]] -= missed
-    states, _ = integrate(configuration, corrected, points)
-    return float(np.linalg.norm(states[parts["position"]] - positions, axis=0).max())
+    configuration, nodes, mesh = shooting.configuration, shape.nodes, shape.mesh
+    middles, ends = integrate(configuration, mesh, nodes.right)
+    closure = close(shooting, z, nodes, ends)
+    position = State.parts(configuration.tube_count)["position"]
+    moved, gaps = closure.states[position], closure.gaps[position]
+    arrived = np.column_stack((nodes.right, nodes.tip))[position, 1:] + moved[:, 1:] - nodes.left[position]
+    passed = shape.at(mesh.mean(axis=1)).state.position / configuration.length
+    between = middles[position] + 0.5 * (moved[:, :-1] + moved[:, 1:] - gaps) - passed
+    return float(max(np.linalg.norm(distance, axis=0).max() for distance in (moved, arrived, between)))
