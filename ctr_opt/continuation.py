@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import attrs
 import numpy as np
 
@@ -54,6 +56,22 @@ class Release:
     def at(self, parameter: float) -> System:
         """The system with what is left of the residual taken off."""
         return _Shifted(self.system, (1.0 - parameter) * self.offset)
+
+
+_IMPERFECTION = 0.01  # residual put on at the start: moments at the tip, over max(EI) / length
+
+
+@attrs.frozen(eq=False)
+class Imperfect:
+    """A path of systems with small moments at the tip that fade along it: what is perfect no longer bifurcates."""
+
+    path: Callable[[float], System]
+    like: Array
+
+    def at(self, parameter: float) -> System:
+        """The system with what is left of the imperfection."""
+        offset = _IMPERFECTION * np.cos(1.0 + 2.0 * np.arange(len(self.like)))
+        return _Shifted(self.path(parameter), (1.0 - parameter) * offset)
 
 
 @attrs.frozen(eq=False)

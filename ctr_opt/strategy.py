@@ -11,13 +11,14 @@ from typing import TypeAlias, TypeVar
 import attrs
 import numpy as np
 
-from .continuation import Release, Route
+from .continuation import Imperfect, Release, Route
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .errors import DefinitionError
 from .mechanics.sections import Configuration
 from .robot.checks import Array
 from .solvers.accuracy import ALONG_FAMILY, NEARBY, Estimate, estimate_error
-from .solvers.homotopy import Homotopy, family_of, regular_between, trace
+from .solvers.arclength import trace_around
+from .solvers.homotopy import Homotopy, Trace, family_of, regular_between, trace
 from .solvers.ipopt import Ipopt, IpoptSolver
 from .solvers.minimum import Minimum, minimize
 from .solvers.newton import Newton, Solution, System, newton
@@ -121,6 +122,14 @@ class Run:
                 return way()
             except _Failed as failure:
                 failures.append(failure)
+        if self.settings.formulation == "automatic" and not any(
+            failure.status is SolveStatus.INACCURATE for failure in failures
+        ):
+            for follow in (self._around_folds, self._around_bifurcations):
+                try:
+                    return self._refined(follow(shooting))
+                except _Failed as failure:
+                    failures.append(failure)
         raise failures[-1].after(failures[:-1])
 
     def _ways(self, shooting: Shooting) -> list[Callable[[], Equilibrium]]:
@@ -152,6 +161,15 @@ class Run:
         curved = self._trace(shooting, lambda x: shooting.scaled(0.0, 0.0, x), zero, "homotopy in curvature")
         z = curved.solution.z
         return self._trace(shooting, lambda x: shooting.scaled(x, x, 1.0), z, "homotopy in loads")
+
+    def _around_folds(self, shooting: Shooting) -> _Reached:
+        zero = np.zeros(shooting.unknowns)
+        return self._trace(shooting, lambda x: shooting.scaled(x, x, x), zero, "homotopy around folds", trace_around)
+
+    def _around_bifurcations(self, shooting: Shooting) -> _Reached:
+        zero = np.zeros(shooting.unknowns)
+        at = Imperfect(lambda x: shooting.scaled(x, x, x), zero).at
+        return self._trace(shooting, at, zero, "homotopy around folds of an imperfect robot", trace_around)
 
     def _by_energy(self) -> Equilibrium:
         """A minimum of the energy, polished by Newton's method or, where that fails, in its own discretization."""
@@ -250,11 +268,20 @@ class Run:
             raise _Failed(SolveStatus.NEWTON_FAILED, message, solution.z)
         return _Reached(shooting, solution)
 
-    def _trace(self, shooting: Shooting, at: Callable[[float], System], z: Array, name: str) -> _Reached:
+    def _trace(
+        self,
+        shooting: Shooting,
+        at: Callable[[float], System],
+        z: Array,
+        name: str,
+        follow: Callable[..., Trace] = trace,
+    ) -> _Reached:
         self.path.append(name)
         method = self.settings.method if isinstance(self.settings.method, Homotopy) else Homotopy()
-        found = trace(at, z, self.tolerance, method)
+        found = follow(at, z, self.tolerance, method)
         self.iterations += found.iterations
+        if found.folds:
+            self.path[-1] += f" ({found.folds} passed)"
         if not found.complete:
             self.path[-1] += f" (ended at {found.reached:.3g})"
             status = SolveStatus.FOLD if found.singular else SolveStatus.STALLED
