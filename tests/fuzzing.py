@@ -107,8 +107,8 @@ _TOKENS = [
         "0 -0.0 -1 1 2 7.5 1e-300 1e300 -1e30 1e29 1e400 nan inf -inf true false 1979-05-27 07:32:00 0x7fffffff "
         '999999999999999999999999 "" "1 mm" "-1 mm" "1 GPa" "10 deg" "1e999 m" "nan m" "5 furlong" "inner" "outer" '
         '"point" "arc" "sampled" "straight" "RK8" "energy" "newton" "/" ".." "robot.toml" "load.csv" "curvature.csv" '
-        '"\\u0000" "äöü" "日本" [ ] { } , = . [] {} [[]] [tubes] [[tubes]] [[loads]] [base] kind name tube length tubes '
-        "loads #",
+        '"\\u0000" "äöü" "日本" [ ] { } , = . [] {} [[]] [tubes] [[tubes]] [[loads]] [base] kind name tube length '
+        "tubes loads #",
     ),
     " ",
     "\n",
