@@ -1,6 +1,7 @@
 """Robot and problem files that are wrong in every way: strategies of hypothesis, and what must hold for each file.
 
-``damaged``: valid texts with bytes and tokens changed; ``rebuilt``: tables with wrong types, values, keys and depth.
+``damaged``: valid texts with bytes and tokens changed; ``stretched``: numbers of other sizes; ``rebuilt``: tables with
+wrong types, values, keys and depth.
 """
 
 import copy
@@ -147,6 +148,25 @@ def _tokens_spoiled(draw, content):
     return "".join(words).encode()
 
 
+# -- numbers of other sizes --------------------------------------------------------------------------------------------
+
+_FACTORS = (0.0, -1.0, 0.3, 3.0, 0.1, 10.0, 1e-3, 1e3, 1e-6, 1e6, 1e-12, 1e12)
+
+
+@st.composite
+def stretched(draw):
+    """The files with some of their numbers multiplied: most are still right, and solved."""
+    files = {name: text.encode() for name, text in FILES.items()}
+    for _ in range(draw(st.integers(1, 3))):
+        name = draw(st.sampled_from(["robot.toml", "problem.toml", *FILES]))
+        text = files[name].decode()
+        places = list(re.finditer(r"(?<![\w.^])-?\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)", text))
+        found = draw(st.sampled_from(places))
+        number = float(found[0]) * draw(st.sampled_from(_FACTORS))
+        files[name] = (text[: found.start()] + repr(number) + text[found.end() :]).encode()
+    return files
+
+
 # -- tables built anew -------------------------------------------------------------------------------------------------
 
 _NUMBERS = st.one_of(
@@ -287,7 +307,7 @@ def fuzz(count, seeded):
 
     @seed(seeded)
     @settings(max_examples=count, deadline=None, database=None, suppress_health_check=list(HealthCheck))
-    @given(st.one_of(damaged(), rebuilt()))
+    @given(st.one_of(damaged(), stretched(), rebuilt()))
     def every(files):
         begin = perf_counter()
         outcomes[check(files)] += 1

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 import ctr_opt as ctr
 
 few = settings(
-    max_examples=130, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
+    max_examples=100, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
 )
 
 
@@ -21,6 +21,12 @@ def test_the_files_are_right_before_they_are_spoiled():
 @few
 @given(fuzzing.damaged())
 def test_damaged_texts(files):
+    fuzzing.check(files)
+
+
+@few
+@given(fuzzing.stretched())
+def test_numbers_of_other_sizes(files):
     fuzzing.check(files)
 
 
