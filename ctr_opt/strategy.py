@@ -41,6 +41,7 @@ METHOD_NAMES: dict[str, type[Newton] | type[Homotopy] | type[Ipopt]] = {
 _REFINEMENTS = 7  # times the steps may be halved to reach the tolerance
 _PROGRESS = 0.9  # of the error: a refinement that gains less meets a limit that is not the discretization's
 _SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from
+_NEAR = 0.1  # of the way: where paths end sooner the loads are absurd, and ways around folds too long
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
@@ -73,9 +74,12 @@ class _Reached:
 class _Failed(Exception):  # noqa: N818 - never leaves this module
     """A method ended without an equilibrium."""
 
-    def __init__(self, status: SolveStatus, message: str, z: Array, reached: float = 0.0) -> None:
+    def __init__(
+        self, status: SolveStatus, message: str, z: Array, reached: float = 0.0, exhausted: bool = False
+    ) -> None:
         super().__init__(message)
         self.status, self.message, self.z, self.reached = status, message, z, reached
+        self.exhausted = exhausted  # more steps of the same kind might have helped, another way hardly
 
     def after(self, earlier: list[_Failed]) -> _Failed:
         """The whole story: this failure behind the earlier ones, with the status of the one that came furthest."""
@@ -122,14 +126,11 @@ class Run:
                 return way()
             except _Failed as failure:
                 failures.append(failure)
-        if self.settings.formulation == "automatic" and not any(
-            failure.status is SolveStatus.INACCURATE for failure in failures
-        ):
-            for follow in (self._around_folds, self._around_bifurcations):
-                try:
-                    return self._refined(follow(shooting))
-                except _Failed as failure:
-                    failures.append(failure)
+        for follow in self._ways_around(failures):
+            try:
+                return self._refined(follow(shooting))
+            except _Failed as failure:
+                failures.append(failure)
         raise failures[-1].after(failures[:-1])
 
     def _ways(self, shooting: Shooting) -> list[Callable[[], Equilibrium]]:
@@ -145,6 +146,16 @@ class Run:
         if forces is self.configuration:
             return [*together, self._by_energy, *apart]
         return [*together, *apart, lambda: self._refined(self._moments_last(shooting, self._through_energy(forces)))]
+
+    def _ways_around(self, failures: list[_Failed]) -> list[Callable[[Shooting], _Reached]]:
+        """The last ways, where all paths ended: many steps, to an equilibrium that the robot may have to snap to."""
+        ended = max(failures, key=lambda failure: failure.reached)
+        hopeless = ended.reached < _NEAR or any(
+            failure.exhausted or failure.status is SolveStatus.INACCURATE for failure in failures
+        )
+        if self.settings.formulation != "automatic" or hopeless:
+            return []
+        return [self._around_folds, self._around_bifurcations]
 
     def _homotopy(self, shooting: Shooting) -> _Reached:
         zero = np.zeros(shooting.unknowns)
@@ -286,7 +297,7 @@ class Run:
             self.path[-1] += f" (ended at {found.reached:.3g})"
             status = SolveStatus.FOLD if found.singular else SolveStatus.STALLED
             message = f"{name}: {status.description}, at {found.reached:.6g} of the way, after {found.steps} steps"
-            raise _Failed(status, message, found.solution.z, found.reached)
+            raise _Failed(status, message, found.solution.z, found.reached, found.steps >= method.max_steps)
         return _Reached(shooting, found.solution)
 
     def _minimum(

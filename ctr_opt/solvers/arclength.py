@@ -45,14 +45,14 @@ def trace_around(at: Callable[[float], System], z: Array, tolerance: float, meth
     if not start.converged:
         return Trace(start, 0.0, 0, iterations, False)
     y = np.append(start.z, 0.0)
-    tangent = _direction(_Plane(at, y, np.eye(len(y))[-1]).linearize(y)[1])
-    here = start
+    matrix = _Plane(at, y, np.eye(len(y))[-1]).linearize(y)[1]
+    tangent, here = _direction(matrix), start
     while steps < method.max_steps and step >= method.smallest_step:
         steps += 1
         plane = _Plane(at, y + step * tangent, tangent)
         found = newton(plane, plane.origin, max(tolerance, 1e-8), _CORRECTOR)
         iterations += found.iterations
-        turned = _followed(plane, y, found)
+        turned = _followed(plane, y, matrix, found)
         if turned is None:
             step *= 0.5
             continue
@@ -64,7 +64,7 @@ def trace_around(at: Callable[[float], System], z: Array, tolerance: float, meth
             step *= 0.5
             continue
         folds += int(turned[-1] * tangent[-1] < 0.0)
-        y, tangent = found.z, turned
+        y, tangent, matrix = found.z, turned, found.jacobian
         here = attrs.evolve(found, z=y[:-1], residual=found.residual[:-1], jacobian=found.jacobian[:-1, :-1])
         if y[-1] < 0.0:
             break
@@ -79,11 +79,11 @@ def _direction(matrix: Array) -> Array:
     return np.asarray(ahead / np.linalg.norm(ahead))
 
 
-def _followed(plane: _Plane, before: Array, found: Solution) -> Array | None:
+def _followed(plane: _Plane, before: Array, matrix: Array, found: Solution) -> Array | None:
     """The tangent at ``found``; None if the way there from ``before`` may have met a singular point or turned much."""
     if not found.converged:
         return None
-    _, first = plane.linearize(before)
+    first = np.vstack((matrix[:-1], plane.tangent))
     _, middle = plane.linearize(0.5 * (before + found.z))
     if not (regular_between(first, middle) and regular_between(middle, found.jacobian)):
         return None
