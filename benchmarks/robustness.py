@@ -60,8 +60,9 @@ def cold(sampler, seed, index):
     result, seconds = solved(ctr.ForwardProblem(sample.robot), sample.actuation, sample.loads)
     more = {"snapped": sample.snapped}
     if result.converged and sample.unloaded.converged:
-        more["displacement"] = samples.displacement(result, sample.unloaded)
-        more["turn"] = np.degrees(samples.turn(result, sample.unloaded))
+        more["displacement"] = samples.displacement(result, sample)
+        if sampler == "with_moments":
+            more["turn"] = np.degrees(samples.turn(result, sample))
     return [told(result, seconds, 1e-7, index, **more)]
 
 
@@ -163,7 +164,7 @@ def tell(name, records):
             good = sum(r["status"] == "CONVERGED" for r in mine)
             times = [r["seconds"] for r in mine]
             print(f"  {tubes} tubes: {good} of {len(mine)}; median {np.median(times):.3f} s, worst {max(times):.2f} s")
-    for key, unit in (("displacement", "of the length"), ("turn", "degrees")):
+    for key, unit in (("displacement", "of the tip, over the length"), ("turn", "of the tip by the moments, degrees")):
         values = [record[key] for record in records if key in record]
         if values:
             shares = np.percentile(values, [0, 10, 25, 50, 75, 90, 100])

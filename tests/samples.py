@@ -24,14 +24,14 @@ FARTHEST = 0.5  # of the robot's length: the largest displacement of the tip wan
 WIDEST = np.pi / 2  # the largest turn of the tip wanted
 _STRATA = 25  # displacements and turns wanted, evenly spaced
 _CLOSE = 0.05  # of the effect wanted: near enough
-_TRIALS = 16
+_TRIALS = 40
 
 
 @attrs.frozen(eq=False)
 class Sample:
     """A robot, its actuation, and loads scaled to what was wanted of them.
 
-    ``snapped``: the walk to these loads met a singular Jacobian.
+    ``pose``: the tip's under the forces alone; ``snapped``: the walk to these loads met a singular Jacobian.
     """
 
     index: int
@@ -39,7 +39,8 @@ class Sample:
     actuation: ctr.Actuation
     loads: tuple
     unloaded: ctr.Equilibrium
-    snapped: bool = False
+    pose: np.ndarray
+    snapped: bool
 
     @property
     def tubes(self):
@@ -53,7 +54,7 @@ def conservative(seed, index):
     unloaded = ctr.ForwardProblem(robot).solve(actuation, throw=False)
     walk = _Walk(robot, actuation, forces, unloaded)
     factor = walk.up(lambda x: (x, 0.0), _displaced, FARTHEST * _stratum(index) * ends.max())
-    return Sample(index, robot, actuation, times(forces, factor), unloaded, walk.snapped)
+    return Sample(index, robot, actuation, times(forces, factor), unloaded, walk.pose, walk.snapped)
 
 
 def with_moments(seed, index):
@@ -63,19 +64,20 @@ def with_moments(seed, index):
     unloaded = ctr.ForwardProblem(robot).solve(actuation, throw=False)
     walk = _Walk(robot, actuation, (*forces, *moments), unloaded)
     force = walk.up(lambda x: (x, 0.0), _displaced, rng.uniform(0.0, FARTHEST) * ends.max())
+    forced = walk.pose
     moment = walk.up(lambda x: (force, x), _turned, WIDEST * _stratum(index))
     loads = (*times(forces, force), *times(moments, moment))
-    return Sample(index, robot, actuation, loads, unloaded, walk.snapped)
+    return Sample(index, robot, actuation, loads, unloaded, forced, walk.snapped)
 
 
-def displacement(shape, start):
-    """Of the tip, over the robot's length."""
-    return _displaced(shape.tip_pose, start.tip_pose) / shape.length
+def displacement(shape, sample):
+    """Of the tip by all loads, over the robot's length."""
+    return _displaced(shape.tip_pose, sample.unloaded.tip_pose) / shape.length
 
 
-def turn(shape, start):
-    """Angle between the tip's frames, rad."""
-    return _turned(shape.tip_pose, start.tip_pose)
+def turn(shape, sample):
+    """Of the tip's frame by the moments, rad."""
+    return _turned(shape.tip_pose, sample.pose)
 
 
 def times(loads, factor):
@@ -107,30 +109,31 @@ class _Walk:
         self.shooting = Shooting(self.configuration, np.column_stack((sections[:-1], sections[1:])))  # near enough
         self.here = unloaded.last_iterate.vector / self.configuration.scales.moment
         self.snapped = not unloaded.converged
+        self.pose = self._tip((0.0, 0.0), self.here)
 
     def up(self, factors, measure, wanted):
         """The factor whose effect is wanted; where the walk snaps, the one behind."""
         if self.snapped or wanted == 0.0:
             return 0.0
         here = newton(self.shooting.scaled(*factors(0.0)), self.here, 1e-9, NEARBY)
-        start, low, high, factor = self._tip(factors(0.0), here.z), 0.0, None, 0.03
+        start, low, reached, step = self._tip(factors(0.0), here.z), 0.0, 0.0, 0.1
         for _ in range(_TRIALS):
-            found = newton(self.shooting.scaled(*factors(factor)), here.z, 1e-6, NEARBY)
-            followed = found.converged and regular_between(here.jacobian, found.jacobian)
-            value = measure(self._tip(factors(factor), found.z), start) if followed else np.inf
-            if abs(value - wanted) <= _CLOSE * wanted:
-                self.here = found.z
-                return factor
-            if value < wanted:
-                low, here = factor, found
-            else:
-                high = factor
-            self.snapped = not followed and high - low < _CLOSE * high
-            if self.snapped:
-                return factor
-            growth = float(np.clip(wanted / max(value, 1e-9), 1.1, 3.0))
-            factor = factor * growth if high is None else 0.5 * (low + high)
-        self.here = here.z
+            found = newton(self.shooting.scaled(*factors(low + step)), here.z, 1e-6, NEARBY)
+            if not (found.converged and regular_between(here.jacobian, found.jacobian)):
+                if step < _CLOSE * low:
+                    self.snapped = True
+                    return low + step
+                step *= 0.4
+                continue
+            value = measure(self._tip(factors(low + step), found.z), start)
+            ahead = (wanted - reached) / max(value - reached, 1e-9)
+            if value <= (1.0 + _CLOSE) * wanted:
+                low, reached, here = low + step, value, found
+                ahead -= 1.0
+            if reached >= (1.0 - _CLOSE) * wanted:
+                break
+            step *= float(np.clip(ahead, 0.1, 2.5))
+        self.here, self.pose = here.z, self._tip(factors(low), here.z)
         return low
 
     def _tip(self, factors, z):
