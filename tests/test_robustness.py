@@ -11,7 +11,7 @@ import ctr_opt as ctr
 from ctr_opt.strategy import Run
 
 SEED = 7
-FEW = [*range(0, 12), *range(96, 100)]  # one to four tubes each, from the lightest loads to the heaviest
+FEW = [0, 45, 46, 47, 96, 97, 98, 99]  # one to four tubes each: loads that do nothing, something, and most
 
 
 def solve(sample):
@@ -41,7 +41,7 @@ def test_a_robot_that_would_snap_is_followed_around_two_folds(monkeypatch):
     monkeypatch.setattr(Run, "_ways", lambda run, shooting: [lambda: run._refined(run._homotopy(shooting))])
     sample = samples.with_moments(1, 270)
     shape = solve(sample)
-    assert shape.path.startswith("homotopy (ended at 0.998)")
+    assert shape.path.startswith("homotopy (ended at 0.946)")
     assert shape.path.endswith("homotopy around folds (2 passed)")
     assert shape.determinant > 0.0
     assert not shape.stability_checked
@@ -55,7 +55,7 @@ def resident():
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
 def test_memory_stays_flat():
-    """After every tube count has been seen, 300 solves of 60 new robots leave less than 2 MB."""
+    """After every tube count has been seen, 200 solves of 40 new robots leave less than 1 MB."""
 
     def solves(first, last):
         for index in range(first, last):
@@ -67,5 +67,5 @@ def test_memory_stays_flat():
         gc.collect()
         return resident()
 
-    before = solves(0, 60)
-    assert solves(60, 120) - before < 2048
+    before = solves(0, 40)
+    assert solves(40, 80) - before < 1024
