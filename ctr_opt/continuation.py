@@ -26,8 +26,8 @@ class Route:
     target: Configuration
     integrator: str
 
-    def at(self, parameter: float) -> System:
-        """The shooting problem at a point of the route, in the target's unit of moment."""
+    def configuration(self, parameter: float) -> Configuration:
+        """Robot, actuation and loads at a point of the route."""
         a, b = self.start.actuation, self.target.actuation
         actuation = Actuation(
             a.rotations + parameter * (b.rotations - a.rotations),
@@ -36,7 +36,11 @@ class Route:
         robot = self.target.robot
         ends = actuation.translations + np.array([tube.length for tube in robot.tubes])
         loads = [*self.start.loads_on(ends, 1.0 - parameter), *self.target.loads_on(ends, parameter)]
-        configuration = Configuration(robot, actuation, loads)
+        return Configuration(robot, actuation, loads)
+
+    def at(self, parameter: float) -> System:
+        """The shooting problem at a point of the route, in the target's unit of moment."""
+        configuration = self.configuration(parameter)
         shooting = Shooting(configuration, configuration.mesh(), self.integrator)
         return _Rescaled(shooting, self.target.scales.moment / configuration.scales.moment)
 

@@ -98,6 +98,7 @@ class Run:
         self.path: list[str] = []
         self.iterations = 0
         self.setup_time = 0.0
+        self.last: Equilibrium | None = None
 
     def solve(self, initial: Equilibrium | None) -> Equilibrium:
         """The equilibrium, or the record of the failure."""
@@ -225,10 +226,19 @@ class Run:
             if initial.robot != self.configuration.robot or not initial.converged:
                 start = self._start_of(route, z)
                 z = self._trace(shooting, Release.of(start, z).at, z, "release of the residual").solution.z
-            found = self._trace(shooting, route.at, z, "continuation from initial")
+            found = self._along(route, shooting, z)
             return self._newton(shooting, found.solution.z, NEARBY, "newton")
         except _Failed as second:
             raise second.after([first]) from None
+
+    def _along(self, route: Route, shooting: Shooting, z: Array) -> _Reached:
+        try:
+            return self._trace(shooting, route.at, z, "continuation from initial")
+        except _Failed as failure:
+            there, guess = route.configuration(failure.reached), Outcome(SolveStatus.GUESS, "guess")
+            found = Run(self.settings, there).solve(Equilibrium(there, self._base(failure.z), guess))
+            self.last = found if found.converged else None
+            raise
 
     def _start_of(self, route: Route, z: Array) -> System:
         try:
@@ -376,7 +386,7 @@ class Run:
         path = " -> ".join(self.path)
         message = f"no equilibrium found ({path}). {failure.message}. What to do: {failure.status.advice}"
         outcome = Outcome(failure.status, path, message, failure.reached, self.iterations)
-        return Equilibrium(self.configuration, self._base(failure.z), outcome)
+        return Equilibrium(self.configuration, self._base(failure.z), outcome, last=self.last)
 
     def _inaccurate(self, z: Array, estimate: Estimate) -> _Failed:
         message = (
