@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import signal
 import sys
 import textwrap
 import warnings
@@ -17,6 +18,7 @@ from .errors import CtrOptError, DefinitionError, SolveError
 
 _FILE = click.Path(path_type=Path)
 _BAD_INPUT, _NOT_SOLVED = 2, 1
+_TERMINATED = 128 + signal.SIGTERM  # as shells tell it
 
 
 class _Group(click.Group):
@@ -177,5 +179,6 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line; told to terminate, it clears away what it was writing."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
     sys.exit(cli())

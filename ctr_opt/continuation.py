@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import attrs
 import numpy as np
 
@@ -31,8 +33,8 @@ class Route:
         """What provides for the loads of both ends."""
         return self.start.kind.joined(self.target.kind)
 
-    def at(self, parameter: float) -> System:
-        """The shooting problem at a point of the route, in the target's units."""
+    def configuration(self, parameter: float) -> Configuration:
+        """Robot, actuation and loads at a point of the route."""
         a, b = self.start.actuation, self.target.actuation
         actuation = Actuation(
             a.rotations + parameter * (b.rotations - a.rotations),
@@ -41,7 +43,11 @@ class Route:
         robot = self.target.robot
         ends = actuation.translations + np.array([tube.length for tube in robot.tubes])
         loads = [*self.start.loads_on(ends, 1.0 - parameter), *self.target.loads_on(ends, parameter)]
-        configuration = Configuration(robot, actuation, loads)
+        return Configuration(robot, actuation, loads)
+
+    def at(self, parameter: float) -> System:
+        """The shooting problem at a point of the route, in the target's units."""
+        configuration = self.configuration(parameter)
         shooting = Shooting(configuration, configuration.mesh(), self.integrator, self.kind)
         own, unit = configuration.scales, self.target.scales
         units = np.full(shooting.unknowns, unit.moment / own.moment)
@@ -64,6 +70,22 @@ class Release:
     def at(self, parameter: float) -> System:
         """The system with what is left of the residual taken off."""
         return _Shifted(self.system, (1.0 - parameter) * self.offset)
+
+
+_IMPERFECTION = 0.01  # residual put on at the start: moments at the tip, over max(EI) / length
+
+
+@attrs.frozen(eq=False)
+class Imperfect:
+    """A path of systems with small moments at the tip that fade along it: what is perfect no longer bifurcates."""
+
+    path: Callable[[float], System]
+    like: Array
+
+    def at(self, parameter: float) -> System:
+        """The system with what is left of the imperfection."""
+        offset = _IMPERFECTION * np.cos(1.0 + 2.0 * np.arange(len(self.like)))
+        return _Shifted(self.path(parameter), (1.0 - parameter) * offset)
 
 
 @attrs.frozen(eq=False)

@@ -103,12 +103,18 @@ class Equilibrium:
     """
 
     def __init__(
-        self, configuration: Configuration, base: BaseMoments, outcome: Outcome, shape: Shape | None = None
+        self,
+        configuration: Configuration,
+        base: BaseMoments,
+        outcome: Outcome,
+        shape: Shape | None = None,
+        last: Equilibrium | None = None,
     ) -> None:
         self._configuration = configuration
         self._base = base
         self._outcome = outcome
         self._solved_shape = shape
+        self._last = last
 
     # -- how it went ---------------------------------------------------------------------------------------------
 
@@ -202,6 +208,14 @@ class Equilibrium:
     def last_iterate(self) -> BaseMoments:
         """Moments (and force) at the base: of the solution, or where a failed solve ended, at ``reached``."""
         return self._base
+
+    @property
+    def last_equilibrium(self) -> Equilibrium | None:
+        """Where a continuation from ``initial`` ended: the last equilibrium before the fold, its loads and actuation.
+
+        None for a solve that converged, and where none is known.
+        """
+        return self._last
 
     # -- the shape -----------------------------------------------------------------------------------------------
 
@@ -323,7 +337,7 @@ class Equilibrium:
     def timed(self, setup_time: float, solve_time: float) -> Equilibrium:
         """The same result with its times, s."""
         outcome = attrs.evolve(self._outcome, setup_time=setup_time, solve_time=solve_time)
-        return Equilibrium(self._configuration, self._base, outcome, self._solved_shape)
+        return Equilibrium(self._configuration, self._base, outcome, self._solved_shape, self._last)
 
     # -- checks and reports --------------------------------------------------------------------------------------
 

@@ -10,7 +10,15 @@ class CtrOptError(Exception):
 
 
 class DefinitionError(CtrOptError, ValueError):
-    """An input is wrong: the message names the field, the tube, the value and the allowed range."""
+    """An input is wrong: the message names the field, the tube, the value and the allowed range.
+
+    It is one line: line breaks and control characters of what was given are shown escaped.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(
+            "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(message))
+        )
 
 
 class SolveError(CtrOptError, RuntimeError):

@@ -12,15 +12,16 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from .continuation import Release, Route
+from .continuation import Imperfect, Release, Route
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .errors import DefinitionError
 from .mechanics.sections import Configuration
 from .robot.checks import Array
 from .solvers.accuracy import ALONG_FAMILY, NEARBY, Estimate, estimate_error, estimate_error_of_nodes
-from .solvers.homotopy import Homotopy, family_of, regular_between, trace
+from .solvers.arclength import trace_around
+from .solvers.homotopy import Homotopy, Trace, family_of, regular_between, trace
 from .solvers.ipopt import Ipopt, IpoptPoint, IpoptSolver
-from .solvers.minimum import Minimum, minimize
+from .solvers.minimum import Minimum, minimize, minimize_in_steps
 from .solvers.newton import Newton, Solution, System, newton
 from .solvers.status import SolveStatus
 from .transcription.energy import EnergyProblem
@@ -47,6 +48,7 @@ _PROGRESS = 0.9  # of the error: cutting steps and gaining less meets a limit th
 _IDLE = 2  # times in succession that this may happen where some steps were cut, as a kink may lie badly once
 _MOST_STEPS = 3000  # no mesh has more
 _SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from
+_NEAR = 0.1  # of the way: where paths end sooner the loads are absurd, and ways around folds too long
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
@@ -79,9 +81,12 @@ class _Reached:
 class _Failed(Exception):  # noqa: N818 - never leaves this module
     """A method ended without an equilibrium."""
 
-    def __init__(self, status: SolveStatus, message: str, z: Array, reached: float = 0.0) -> None:
+    def __init__(
+        self, status: SolveStatus, message: str, z: Array, reached: float = 0.0, exhausted: bool = False
+    ) -> None:
         super().__init__(message)
         self.status, self.message, self.z, self.reached = status, message, z, reached
+        self.exhausted = exhausted  # more steps of the same kind might have helped, another way hardly
 
     def after(self, earlier: list[_Failed]) -> _Failed:
         """The whole story: this failure behind the earlier ones, with the status of the one that came furthest."""
@@ -100,6 +105,8 @@ class Run:
         self.path: list[str] = []
         self.iterations = 0
         self.setup_time = 0.0
+        self.last: Equilibrium | None = None
+        self.warm = False
 
     def solve(self, initial: Equilibrium | None) -> Equilibrium:
         """The equilibrium, or the record of the failure."""
@@ -124,21 +131,22 @@ class Run:
         zero, method = np.zeros(shooting.unknowns), self.settings.method
         if isinstance(method, Newton):
             return self._refined(self._newton(shooting, zero, method, "newton"))
-        return self._first_of(self._ways(shooting))
+        return self._any_way(shooting)
 
-    def _first_of(self, ways: list[Callable[[], Equilibrium]]) -> Equilibrium:
+    def _any_way(self, shooting: Shooting) -> Equilibrium:
         """The answer of the first way that has one."""
         failures: list[_Failed] = []
-        for way in ways:
-            try:
-                return way()
-            except _Failed as failure:
-                failures.append(failure)
-                if failure.status is SolveStatus.INACCURATE:  # there is an equilibrium: no other way leads nearer
-                    break
+        for ways in (self._ways, self._ways_around):
+            for way in ways(shooting, failures):
+                try:
+                    return way()
+                except _Failed as failure:
+                    failures.append(failure)
+                    if failure.status is SolveStatus.INACCURATE:  # there is an equilibrium: no other way leads nearer
+                        raise failure.after(failures[:-1]) from None
         raise failures[-1].after(failures[:-1])
 
-    def _ways(self, shooting: Shooting) -> list[Callable[[], Equilibrium]]:
+    def _ways(self, shooting: Shooting, _: list[_Failed]) -> list[Callable[[], Equilibrium]]:
         """The ways to a cold answer, the fastest first."""
         together = [lambda: self._refined(self._homotopy(shooting))]
         apart = [
@@ -151,6 +159,16 @@ class Run:
         if conservative is self.configuration:
             return [*together, self._by_energy, *apart]
         return [*together, *apart, lambda: self._refined(self._rest_last(shooting, self._through_energy(conservative)))]
+
+    def _ways_around(self, shooting: Shooting, failures: list[_Failed]) -> list[Callable[[], Equilibrium]]:
+        """The last ways, where all paths ended: many steps, to an equilibrium that the robot may have to snap to."""
+        hopeless = max(failure.reached for failure in failures) < _NEAR or any(each.exhausted for each in failures)
+        if self.settings.formulation != "automatic" or hopeless:
+            return []
+        return [
+            lambda: self._refined(self._around_folds(shooting)),
+            lambda: self._refined(self._around_bifurcations(shooting)),
+        ]
 
     def _homotopy(self, shooting: Shooting) -> _Reached:
         zero = np.zeros(shooting.unknowns)
@@ -168,13 +186,22 @@ class Run:
         z = curved.solution.z
         return self._trace(shooting, lambda x: shooting.scaled(x, x, 1.0), z, "homotopy in loads")
 
+    def _around_folds(self, shooting: Shooting) -> _Reached:
+        zero = np.zeros(shooting.unknowns)
+        return self._trace(shooting, lambda x: shooting.scaled(x, x, x), zero, "homotopy around folds", trace_around)
+
+    def _around_bifurcations(self, shooting: Shooting) -> _Reached:
+        zero = np.zeros(shooting.unknowns)
+        at = Imperfect(lambda x: shooting.scaled(x, x, x), zero).at
+        return self._trace(shooting, at, zero, "homotopy around folds of an imperfect robot", trace_around)
+
     def _by_energy(self) -> Equilibrium:
         """A minimum of the energy, polished by Newton's method or, where that fails, in its own discretization."""
-        found = self._minimum(self.configuration, self.configuration.mesh(), None, "energy")
+        energy, minimum = self._minimum(self.configuration, self.configuration.mesh(), None, "energy")
         try:
-            return self._refined(self._polished(*found))
+            return self._refined(self._polished(energy, minimum))
         except _Failed:
-            return self._energy(None)
+            return self._discretized(self._lowest, self._shape_of_minimum(energy, minimum))
 
     def _through_energy(self, conservative: Configuration) -> _Reached:
         return self._polished(*self._minimum(conservative, conservative.mesh(), None, "energy"))
@@ -216,10 +243,19 @@ class Run:
             if initial.robot != self.configuration.robot or not initial.converged:
                 start = self._start_of(route, z)
                 z = self._trace(shooting, Release.of(start, z).at, z, "release of the residual").solution.z
-            found = self._trace(shooting, route.at, z, "continuation from initial")
+            found = self._along(route, shooting, z)
             return self._newton(shooting, found.solution.z[: shooting.unknowns], NEARBY, "newton")
         except _Failed as second:
             raise second.after([first]) from None
+
+    def _along(self, route: Route, shooting: Shooting, z: Array) -> _Reached:
+        try:
+            return self._trace(shooting, route.at, z, "continuation from initial")
+        except _Failed as failure:
+            there, guess = route.configuration(failure.reached), Outcome(SolveStatus.GUESS, "guess")
+            found = Run(self.settings, there).solve(Equilibrium(there, self._base(failure.z), guess))
+            self.last = found if found.converged else None
+            raise
 
     def _start_of(self, route: Route, z: Array) -> System:
         try:
@@ -233,20 +269,36 @@ class Run:
         method, guess = self.settings.method, initial
         if guess is None and isinstance(method, Ipopt) and method.start == "homotopy":
             guess = self._by_homotopy()
+        self.warm = initial is not None
+        return self._discretized(self._lowest, None if guess is None else self._shape_of(guess))
 
-        def find(mesh: Array, shape: Shape | None) -> tuple[Nodes, Array, bool]:
-            name = "energy from initial" if shape is not None and initial is not None else "energy"
-            energy, minimum = self._minimum(self.configuration, mesh, shape, name)
-            return *energy.recover(minimum.point.x, minimum.point.multipliers), minimum.stable
-
-        return self._discretized(find, None if guess is None else self._shape_of(guess))
+    def _lowest(self, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array, bool]:
+        """A minimum of the transcribed energy."""
+        name = "energy from initial" if self.warm and not self.path else "energy"
+        energy, minimum = self._minimum(self.configuration, mesh, shape, name)
+        return *energy.recover(minimum.point.x, minimum.point.multipliers), minimum.stable
 
     def _transcribed(self, method: Ipopt, initial: Equilibrium | None) -> Equilibrium:
         """The equilibrium formulation in its own discretization, solved by IPOPT."""
         if initial is not None:
             return self._discretized(self._balance, self._near(initial))
-        guess = None if method.start == "straight" else self._by_homotopy()
-        return self._discretized(self._balance, None if guess is None else guess.shape)
+        return self._discretized(self._balance, None if method.start == "straight" else self._anything())
+
+    def _anything(self) -> Shape | None:
+        """Where IPOPT may start: what homotopy finds or, failing that, a minimum under the conservative loads."""
+        guess = self._by_homotopy()
+        if guess is not None:
+            return guess.shape
+        conservative = _conservative_part(self.configuration)
+        try:
+            energy, minimum = self._minimum(conservative, conservative.mesh(), None, "energy")
+        except _Failed:
+            return None
+        return self._shape_of_minimum(energy, minimum)
+
+    def _shape_of_minimum(self, energy: EnergyProblem, minimum: Minimum) -> Shape:
+        nodes, _ = energy.recover(minimum.point.x, minimum.point.multipliers)
+        return Shape(energy.configuration, energy.mesh, nodes, self.settings.integrator)
 
     def _near(self, initial: Equilibrium) -> Shape:
         """The shape that shooting finds from another equilibrium or, unless the way met a fold, that one's."""
@@ -263,7 +315,7 @@ class Run:
         """What homotopy finds, or nothing; ``path`` tells."""
         try:
             shooting = self._setup(lambda: self._shooting(self.configuration))
-            return self._first_of(self._ways(shooting))
+            return self._any_way(shooting)
         except _Failed:
             return None
 
@@ -320,18 +372,27 @@ class Run:
             raise _Failed(SolveStatus.NEWTON_FAILED, message, solution.z)
         return _Reached(shooting, solution)
 
-    def _trace(self, shooting: Shooting, at: Callable[[float], System], z: Array, name: str) -> _Reached:
+    def _trace(
+        self,
+        shooting: Shooting,
+        at: Callable[[float], System],
+        z: Array,
+        name: str,
+        follow: Callable[..., Trace] = trace,
+    ) -> _Reached:
         self.path.append(name)
         method = self.settings.method if isinstance(self.settings.method, Homotopy) else Homotopy()
-        found = trace(at, z, self.tolerance, method)
+        found = follow(at, z, self.tolerance, method)
         self.iterations += found.iterations
+        if found.folds:
+            self.path[-1] += f" ({found.folds} passed)"
         if not found.complete:
             self.path[-1] += f" (ended at {found.reached:.3g})"
             status = SolveStatus.FOLD if found.singular else SolveStatus.STALLED
             message = f"{name}: {status.description}, at {found.reached:.6g} of the way, after {found.steps} steps"
             if not found.solution.converged:
                 message += f" ({found.solution.reason})"
-            raise _Failed(status, message, found.solution.z, found.reached)
+            raise _Failed(status, message, found.solution.z, found.reached, found.steps >= method.max_steps)
         return _Reached(shooting, found.solution)
 
     def _minimum(
@@ -344,6 +405,10 @@ class Run:
         guess = energy.straight() if shape is None else energy.like(shape)
         found = minimize(solver, energy, energy.program.free, guess)
         self.iterations += found.iterations
+        if found.inertia is None and shape is None:
+            self.path[-1] += " (failed) -> energy, loads in steps"
+            found = minimize_in_steps(solver, energy, energy.program.free, guess)
+            self.iterations += found.iterations
         if found.descents:
             self.path[-1] += f" ({found.descents} saddle{'s' if found.descents > 1 else ''} left)"
         if not found.found:
@@ -412,7 +477,7 @@ class Run:
         path = " -> ".join(self.path)
         message = f"no equilibrium found ({path}). {failure.message}. What to do: {failure.status.advice}"
         outcome = Outcome(failure.status, path, message, failure.reached, self.iterations)
-        return Equilibrium(self.configuration, self._base(failure.z), outcome)
+        return Equilibrium(self.configuration, self._base(failure.z), outcome, last=self.last)
 
     def _inaccurate(self, z: Array, estimate: Estimate) -> _Failed:
         message = (

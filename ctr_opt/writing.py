@@ -22,11 +22,14 @@ def check_output(path: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let ``write`` fill a temporary file beside ``path``, and put it in place only when it is whole."""
+    """Let ``write`` fill a temporary file beside ``path``, and put it in place only when it is whole.
+
+    The temporary file is removed whatever happens, unless the process is killed: then ``.NAME.*.part.SUFFIX`` stays.
+    """
     if not path.parent.is_dir():
         raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=f".part{path.suffix}")
         os.close(handle)
     except (OSError, ValueError) as error:
         raise DefinitionError(f"{str(path)!r} cannot be written: {error}") from None

@@ -210,6 +210,18 @@ FILES = {
     "infinity": ("robot", "= 5.0", "= inf", ["precurvature[0]", "curvature", "inf", "finite"]),
     "curvature of two": ("robot", "= 5.0", "= [5.0, 1.0]", ["curvature", "2 entries", "3"]),
     "unknown piece": ("robot", '"arc"', '"ark"', ["precurvature[0].kind", "'ark'", "'arc'"]),
+    "a key with a line break": (
+        "robot",
+        "[[tubes]]",
+        '"a\\n\\u001b[31mb" = 1\n[[tubes]]',
+        ["a\\n\\x1b[31mb", "no key"],
+    ),
+    "a file name with a line break": (
+        "robot",
+        'kind = "arc", length = "100 mm", curvature = 5.0',
+        'kind = "sampled", file = "a\\nb"',
+        ["a\\nb", "cannot be read"],
+    ),
     "piece is a number": ("robot", "[{ kind", "[5, { kind", ["precurvature[0]", "5", "table"]),
     "unknown key in a piece": (
         "robot",

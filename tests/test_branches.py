@@ -140,3 +140,18 @@ def test_coincident_tube_ends_are_one_up_to_rounding():
     np.testing.assert_array_equal(shape.tip_pose, shape.pose(shape.length, 0))
     assert np.isfinite(shape.torsion(0, shape.length))
     assert np.isfinite(shape.torsion(1, shape.length))
+
+
+def test_a_failed_continuation_tells_the_last_equilibrium():
+    """The turned pair snaps on its way; the last shape before has all but the loads and the actuation asked for."""
+    problem = ctr.ForwardProblem(pair(15.0))
+    push = [ctr.PointWrench(force=[0.02, 0.0, 0.0])]
+    start = problem.solve(ctr.Actuation([0.0, 1.0], [0.0, 0.0]), push)
+    failed = problem.solve(ctr.Actuation([0.0, 6.0], [0.0, 0.0]), push, initial=start, throw=False)
+    last = failed.last_equilibrium
+    assert failed.status is ctr.SolveStatus.FOLD
+    assert 0.0 < failed.reached < 1.0
+    assert last.actuation.rotations[1] == pytest.approx(1.0 + 5.0 * failed.reached, abs=1e-12)
+    assert last.verify() <= 1e-7 * last.length
+    assert start.last_equilibrium is None
+    np.testing.assert_allclose(last.last_iterate.vector, failed.last_iterate.vector, rtol=1e-3, atol=1e-6)

@@ -42,13 +42,17 @@ class Homotopy:
 
 @attrs.frozen(eq=False)
 class Trace:
-    """Where a continuation ended: the last point reached, the parameter there, and what it took."""
+    """Where a continuation ended: the last point reached, the parameter there, and what it took.
+
+    ``folds``: how often the parameter changed its direction.
+    """
 
     solution: Solution
     reached: float
     steps: int
     iterations: int
     singular: bool
+    folds: int = 0
 
     @property
     def complete(self) -> bool:

@@ -14,11 +14,16 @@ from .ipopt import IpoptPoint, IpoptSolver
 
 _MARGIN = 1e-7  # an eigenvalue relative to the elastic part below which no minimum is claimed
 _DESCENTS = 6  # saddles left before giving up; each descent lowers the energy
+_FIRST_LOAD, _SMALLEST_LOAD = 1.0 / 16.0, 1.0 / 512.0  # steps, of the whole loads
 _STEPS = (0.3, 1.0, 3.0)  # tried along a descent direction, in units of the elastic metric
 
 
 class Energy(Protocol):
     """What is minimized: parameters, and the metric of its free variables."""
+
+    def under(self, factor: float) -> Energy:
+        """The same with all loads multiplied."""
+        ...
 
     @property
     def parameters(self) -> Array:
@@ -67,6 +72,21 @@ def minimize(solver: IpoptSolver, energy: Energy, free: NDArray[np.intp], guess:
             break
         point = lower
     return Minimum(point, inertia, descents, iterations)
+
+
+def minimize_in_steps(solver: IpoptSolver, energy: Energy, free: NDArray[np.intp], guess: Array) -> Minimum:
+    """The same under loads that grow from nothing, each minimum the guess for the next; else the last failure."""
+    reached, step, iterations = 0.0, _FIRST_LOAD, 0
+    while True:
+        target = min(1.0, reached + step)
+        found = minimize(solver, energy.under(target), free, guess)
+        iterations += found.iterations
+        if found.found:
+            guess, reached, step = found.point.x, target, 2.0 * step
+        else:
+            step *= 0.5
+        if reached == 1.0 or step < _SMALLEST_LOAD:
+            return attrs.evolve(found, iterations=iterations)
 
 
 def _descend(

@@ -8,6 +8,7 @@ multipliers of the nodes' equations are the internal forces and moments.
 
 from __future__ import annotations
 
+from copy import copy
 from functools import lru_cache
 from typing import Any
 
@@ -156,6 +157,13 @@ class EnergyProblem:
         self._columns = layout.pad(layout.pack(configuration, mesh, self.program.data_nodes), steps)
         total = layout.total_force(self._columns, self.program.data_weights)
         self._entry = self.program.entry.pack(configuration, total)
+
+    def under(self, factor: float) -> EnergyProblem:
+        """The same problem with all loads multiplied."""
+        other = copy(self)
+        other._columns = self._columns * self.program.columns.factors(factor, factor, 1.0)[:, None]
+        other._entry = self._entry * self.program.entry.factors(factor, factor, 1.0)
+        return other
 
     @property
     def parameters(self) -> Array:

@@ -1,0 +1,86 @@
+"""A run that is killed or interrupted leaves its output whole, as it was, or absent; never half of it."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import ctr_opt as ctr
+
+OLD = b"what was there before"
+
+PROBLEM = "problems/rjw_s1/fig9_loaded.toml"
+
+# Writes the shape over and over, so that it is stopped inside a write.
+WRITE = """
+import sys
+import ctr_opt as ctr
+shape = ctr.load_problem(sys.argv[1]).solve()
+print("ready", flush=True)
+while True:
+    ctr.save_shape(shape, sys.argv[2])
+"""
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+
+
+def started(*arguments):
+    process = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.readline()
+    return process
+
+
+def stopped(process, how):
+    process.send_signal(how)
+    process.communicate(timeout=20)
+    return process.returncode
+
+
+def whole(path, expected):
+    """Whether a file is the old one or a complete new one."""
+    if not path.exists() or path.read_bytes() == OLD:
+        return True
+    if path.suffix == ".json":
+        return np.array_equal(json.loads(path.read_text())["columns"]["s"], expected)
+    if path.suffix == ".npz":
+        with np.load(path) as table:
+            return np.array_equal(table["s"], expected)
+    if path.suffix == ".csv":
+        return np.array_equal(np.genfromtxt(path, delimiter=",", names=True)["s"], expected)
+    return path.read_bytes().endswith(b"IEND\xaeB`\x82")
+
+
+@pytest.fixture(scope="module")
+def arc_length():
+    return ctr.load_problem("problems/rjw_s1/fig9_loaded.toml").solve().arc_length
+
+
+@pytest.mark.parametrize(("suffix", "how"), [(".csv", "SIGINT"), (".npz", "SIGKILL"), (".json", "SIGKILL")])
+def test_a_stopped_program_leaves_its_output_whole(tmp_path, arc_length, suffix, how):
+    path = tmp_path / f"shape{suffix}"
+    path.write_bytes(OLD)
+    process = started("-c", WRITE, PROBLEM, str(path))
+    time.sleep(np.random.default_rng([3, len(suffix + how)]).uniform(0.0, 0.1))
+    assert stopped(process, getattr(signal, how)) != 0
+    assert whole(path, arc_length)
+    left = [each.name for each in tmp_path.iterdir() if each != path]
+    assert left == [] or how == "SIGKILL"
+    assert all(name.startswith(".shape.") and name.endswith(f".part{suffix}") for name in left)  # hidden, and no output
+
+
+@pytest.mark.parametrize(("how", "code"), [("SIGKILL", -9), ("SIGTERM", 143)])
+def test_a_stopped_command_leaves_its_outputs_whole_or_absent(tmp_path, arc_length, how, code):
+    """From the moment on at which it has printed its report, so that it is writing."""
+    shape, figure = tmp_path / "shape.csv", tmp_path / "shape.png"
+    process = started("-u", "-m", "ctr_opt", "solve", PROBLEM, "--output", str(shape), "--figure", str(figure))
+    time.sleep(np.random.default_rng([4, len(how)]).uniform(0.0, 0.3))
+    assert stopped(process, getattr(signal, how)) == code
+    assert whole(shape, arc_length)
+    assert whole(figure, arc_length)
+    left = [each.name for each in tmp_path.iterdir() if each not in (shape, figure)]
+    assert left == [] or how == "SIGKILL"
+    assert all(".part." in name for name in left)
