@@ -211,9 +211,10 @@ class Equilibrium:
 
     @property
     def last_equilibrium(self) -> Equilibrium | None:
-        """Where a continuation from ``initial`` ended: the last equilibrium before the fold, its loads and actuation.
+        """The last equilibrium of this robot before a continuation failed.
 
-        None for a solve that converged, and where none is known.
+        Its loads and actuation tell where: on the way from ``initial``, or at the part of the loads that a cold start
+        came to. None for a solve that converged, and where none is known.
         """
         return self._last
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import DefinitionError
+from .mechanics.loading import Field
 from .robot.checks import Array
 from .robot.loads import Density, LoadTable
 from .writing import check_output, write_atomically
@@ -175,7 +176,7 @@ def _new_axes(equilibrium: Equilibrium) -> Any:
 def _look_at(axes: Any, equilibrium: Equilibrium) -> None:
     """Turn the camera so that neither the robot's bend nor a point force is seen end-on, nor a side of the box."""
     bend = (equilibrium.tip_position - equilibrium.position(0.0)) * [1.0, 1.0, 0.0]
-    shown = np.array([bend, *(load.force for _, _, load in equilibrium.configuration.point_loads)])
+    shown = np.array([bend, *(force for _, (force, _) in _point_wrenches(equilibrium))])
     sizes = np.linalg.norm(shown, axis=1)
     shown = shown[sizes > 0.0] / sizes[sizes > 0.0, None]
     azimuths = np.array([-60.0, -30.0, 30.0, 60.0, 120.0, 150.0, 210.0, 240.0])
@@ -224,14 +225,53 @@ def _draw_frames(axes: Any, equilibrium: Equilibrium) -> None:
 
 def _draw_loads(axes: Any, equilibrium: Equilibrium) -> None:
     """Arrows that start at the backbone; the longest of each kind has the same length in every figure."""
-    points = equilibrium.configuration.point_loads
-    for kind, unit, color in (("force", "N", _FORCE_COLOR), ("moment", "N mm", _MOMENT_COLOR)):
-        values = np.array([getattr(load, kind) for _, _, load in points]).reshape(-1, 3)
-        at = np.array([equilibrium.position(s) for s, _, _ in points]).reshape(-1, 3)
+    points, rows = _point_wrenches(equilibrium), _distributed_wrenches(equilibrium)
+    for k, (kind, unit, color) in enumerate((("force", "N", _FORCE_COLOR), ("moment", "N mm", _MOMENT_COLOR))):
+        values = np.array([wrench[k] for _, wrench in points]).reshape(-1, 3)
+        at = np.array([equilibrium.position(s) for s, _ in points]).reshape(-1, 3)
         sizes = np.linalg.norm(values, axis=1) * (1.0 if kind == "force" else _MM)
         _draw_arrows(axes, equilibrium, at, values, 0.22, color, [f"{size:.3g} {unit}" for size in sizes])
-        for start, end, load in equilibrium.configuration.distributed_loads:
-            _draw_row(axes, equilibrium, (start, end), getattr(load, kind), kind, color)
+        for interval, densities in rows:
+            _draw_row(axes, equilibrium, interval, densities[k], kind, color)
+
+
+def _point_wrenches(equilibrium: Equilibrium) -> list[tuple[float, tuple[Array, Array]]]:
+    """Where point loads act, and force and moment in the world frame."""
+    configuration = equilibrium.configuration
+    found = []
+    for s, tube, load in configuration.point_loads:
+        frame = equilibrium.pose(s, tube)[:3, :3] if load.frame == "body" else np.eye(3)
+        found.append((s, (frame @ load.force, frame @ load.moment)))
+    return found + [(s, _expressed(equilibrium, field, factor, s)) for s, field, factor in configuration.point_fields]
+
+
+def _distributed_wrenches(equilibrium: Equilibrium) -> list[tuple[tuple[float, float], tuple[Density, Density]]]:
+    """Intervals of distributed loads, and force and moment per arc length in the world frame."""
+    rows: list[tuple[tuple[float, float], tuple[Density, Density]]] = []
+    for start, end, load in equilibrium.configuration.distributed_loads:
+        densities = (load.force, load.moment)
+        if load.frame == "body":
+            densities = (_turned(equilibrium, load.tube, load.force), _turned(equilibrium, load.tube, load.moment))
+        rows.append(((start, end), densities))
+    for start, end, field, factor in equilibrium.configuration.distributed_fields:
+        both = [partial(_expressed_part, equilibrium, field, factor, part) for part in (0, 1)]
+        rows.append(((start, end), (both[0], both[1])))
+    return rows
+
+
+def _turned(equilibrium: Equilibrium, tube: int, density: Density) -> Density:
+    return lambda s: equilibrium.pose(s, tube)[:3, :3] @ _density(density, np.array([s]))[0]
+
+
+def _expressed(equilibrium: Equilibrium, field: Field, factor: float, s: float) -> tuple[Array, Array]:
+    """Force and moment of a load given as an expression, world frame."""
+    pose = equilibrium.pose(s, field.tube)
+    force, moment = field.wrench(s, pose[:3, 3], pose[:3, :3])
+    return factor * force.full()[:, 0], factor * moment.full()[:, 0]
+
+
+def _expressed_part(equilibrium: Equilibrium, field: Field, factor: float, part: int, s: float) -> Array:
+    return _expressed(equilibrium, field, factor, s)[part]
 
 
 def _draw_row(

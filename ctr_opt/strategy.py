@@ -183,8 +183,19 @@ class Run:
     def _curvature_first(self, shooting: Shooting) -> _Reached:
         zero = np.zeros(shooting.unknowns)
         curved = self._trace(shooting, lambda x: shooting.scaled(0.0, 0.0, x), zero, "homotopy in curvature")
-        z = curved.solution.z
-        return self._trace(shooting, lambda x: shooting.scaled(x, x, 1.0), z, "homotopy in loads")
+        z, whole = curved.solution.z, self.configuration
+        try:
+            return self._trace(shooting, lambda x: shooting.scaled(x, x, 1.0), z, "homotopy in loads")
+        except _Failed as failure:
+            loads = whole.loads_on(whole.tube_ends, failure.reached)
+            self._keep_last(Configuration(whole.robot, whole.actuation, loads), failure)
+            raise
+
+    def _keep_last(self, there: Configuration, failure: _Failed) -> None:
+        """Keep the equilibrium at which a path of this robot ended."""
+        guess = Equilibrium(there, self._base(failure.z), Outcome(SolveStatus.GUESS, "guess"))
+        found = Run(self.settings, there).solve(guess)
+        self.last = found if found.converged else None
 
     def _around_folds(self, shooting: Shooting) -> _Reached:
         zero = np.zeros(shooting.unknowns)
@@ -252,9 +263,7 @@ class Run:
         try:
             return self._trace(shooting, route.at, z, "continuation from initial")
         except _Failed as failure:
-            there, guess = route.configuration(failure.reached), Outcome(SolveStatus.GUESS, "guess")
-            found = Run(self.settings, there).solve(Equilibrium(there, self._base(failure.z), guess))
-            self.last = found if found.converged else None
+            self._keep_last(route.configuration(failure.reached), failure)
             raise
 
     def _start_of(self, route: Route, z: Array) -> System:
