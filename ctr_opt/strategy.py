@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import groupby
 from time import perf_counter
 from typing import TypeAlias, TypeVar
 
@@ -29,7 +30,7 @@ from .transcription.equilibrium_program import EquilibriumProblem
 from .transcription.nlp import Nlp
 from .transcription.schemes import Transcription
 from .transcription.shape import Shape
-from .transcription.shooting import Nodes, Shooting, halved
+from .transcription.shooting import Nodes, Shooting, cut
 
 Method: TypeAlias = Newton | Homotopy | Ipopt
 METHODS: dict[str, tuple[type[Newton] | type[Homotopy] | type[Ipopt], ...]] = {
@@ -352,11 +353,11 @@ class Run:
             estimate, solution = estimate_error_of_nodes(shooting, z, nodes)
             if estimate.error <= self.settings.tolerance:
                 return self._equilibrium(_Reached(shooting, solution, stable), nodes, estimate)
-            where = refinement.next(estimate)
-            if where is None:
+            parts = refinement.next(estimate)
+            if parts is None:
                 raise self._inaccurate(z, estimate)
             shape = Shape(self.configuration, mesh, nodes, self.settings.integrator)
-            mesh = halved(mesh, where)
+            mesh = cut(mesh, parts)
 
     def _shape_of(self, initial: Equilibrium) -> Shape:
         """The shape of an equilibrium, or the one that a guess of the moments at the base stands for."""
@@ -458,10 +459,10 @@ class Run:
             estimate = estimate_error(reached.shooting, reached.solution, nodes, self.tolerance)
             if estimate.error <= self.settings.tolerance:
                 return self._equilibrium(reached, nodes, estimate)
-            where = refinement.next(estimate)
-            if where is None:
+            parts = refinement.next(estimate)
+            if parts is None:
                 break
-            finer = estimate.finer if where.all() else reached.shooting.refined(where)
+            finer = estimate.finer if np.all(parts == 2) else reached.shooting.refined(parts)
             solution = newton(finer, estimate.z, self.tolerance, NEARBY)
             self.iterations += solution.iterations
             if not solution.converged:
@@ -472,7 +473,7 @@ class Run:
     def _equilibrium(self, reached: _Reached, nodes: Nodes, estimate: Estimate) -> Equilibrium:
         outcome = Outcome(
             SolveStatus.CONVERGED,
-            " -> ".join(self.path),
+            self._told_path(),
             iterations=self.iterations,
             residual_norm=reached.solution.residual_norm,
             discretization_error=estimate.error * self.configuration.scales.length,
@@ -483,10 +484,14 @@ class Run:
         return Equilibrium(self.configuration, self._base(reached.solution.z), outcome, shape)
 
     def _failure(self, failure: _Failed) -> Equilibrium:
-        path = " -> ".join(self.path)
+        path = self._told_path()
         message = f"no equilibrium found ({path}). {failure.message}. What to do: {failure.status.advice}"
         outcome = Outcome(failure.status, path, message, failure.reached, self.iterations)
         return Equilibrium(self.configuration, self._base(failure.z), outcome, last=self.last)
+
+    def _told_path(self) -> str:
+        steps = [(name, len(list(same))) for name, same in groupby(self.path)]
+        return " -> ".join(name if count == 1 else f"{name} ({count} meshes)" for name, count in steps)
 
     def _inaccurate(self, z: Array, estimate: Estimate) -> _Failed:
         message = (
@@ -509,26 +514,26 @@ class Run:
 
 
 class _Refinement:
-    """Which steps to cut next, until it is of no use."""
+    """Into how many parts to cut the steps next, until it is of no use."""
 
     def __init__(self, tolerance: float) -> None:
         self._tolerance = tolerance
         self._best = np.inf
         self._whole = self._local = self._idle = 0
 
-    def next(self, estimate: Estimate) -> NDArray[np.bool_] | None:
-        """The steps that are too long; None to give up."""
-        where = estimate.too_long(self._tolerance)
-        whole = bool(where.all())
+    def next(self, estimate: Estimate) -> NDArray[np.intp] | None:
+        """The parts of every step; None to give up."""
+        parts = estimate.parts(self._tolerance)
+        whole = bool(np.all(parts > 1))
         self._whole += whole
         self._local += not whole
         self._idle = 0 if estimate.error <= _PROGRESS * self._best else self._idle + 1
         self._best = min(self._best, estimate.error)
         stuck = self._idle > (0 if whole else _IDLE)
-        many = len(where) + where.sum() > _MOST_STEPS
-        if stuck or many or not where.any() or self._whole >= _REFINEMENTS or self._local >= _LOCAL_REFINEMENTS:
+        idle = parts.sum() == len(parts) or parts.sum() > _MOST_STEPS
+        if stuck or idle or self._whole >= _REFINEMENTS or self._local >= _LOCAL_REFINEMENTS:
             return None
-        return where
+        return parts
 
 
 def _ipopt(settings: Settings) -> Ipopt:

@@ -1,8 +1,8 @@
 """How is a load of one's own described?
 
-As CasADi expressions of arc length, position and orientation. Here a magnet at the tip: a dipole of moment `MAGNET` along
-the tube's tangent feels in the field B(p) the torque m x B and the force (dB/dp)^T m. Derivatives come from CasADi, so
-the solver has them exactly.
+As CasADi expressions of arc length, position and orientation. Here a magnet at the tip: a dipole of moment m along the
+tangent feels in the field B(p) the torque m x B and the force (dB/dp)^T m. Derivatives come from CasADi, so the solver
+has them exactly.
 """
 
 import casadi as ca
@@ -11,8 +11,8 @@ import numpy as np
 import ctr_opt as ctr
 
 MAGNET = 0.08  # A m^2
-SOURCE = ca.DM([0.12, 0.0, 0.10])  # where a dipole of 60 A m^2 along x stands, m
-STRENGTH = ca.DM([60.0, 0.0, 0.0])
+SOURCE = ca.DM([0.12, 0.0, 0.10])  # where a dipole of 15 A m^2 along x stands, m
+STRENGTH = ca.DM([15.0, 0.0, 0.0])
 
 
 def field(p):

@@ -14,6 +14,7 @@ from .newton import Newton, Solution, newton
 
 _SAFETY = 2.0  # the error is at most twice the difference to half the step, for a method of order one or more
 _SHARE = 0.5  # of the average step's: steps that contribute less are left as they are
+_MUCH = 100.0  # times its share: a step that contributes so much is cut into four
 _ROUNDING = 1e-12  # of the length: no smaller error is claimed
 
 NEARBY = Newton(max_iterations=15, shortest_step=1.0)
@@ -35,12 +36,16 @@ class Estimate:
     z: Array
     local: Array
 
-    def too_long(self, tolerance: float) -> NDArray[np.bool_]:
-        """Which steps contribute more than their share of an error of ``tolerance``."""
+    def parts(self, tolerance: float) -> NDArray[np.intp]:
+        """Into how many parts to cut each step: those that contribute more than their share of ``tolerance``."""
         if not np.isfinite(self.error):
-            return np.ones(len(self.local), bool)
-        allowed = min(1.0, tolerance / self.error) * self.local.sum() / len(self.local)
-        return np.asarray(self.local > _SHARE * allowed)
+            return np.full(len(self.local), 2)
+        allowed = _SHARE * min(1.0, tolerance / self.error) * self.local.sum() / len(self.local)
+        parts = np.ones(len(self.local), np.intp)
+        parts[self.local > allowed] = 2
+        if np.any(parts == 1):  # a few steps contribute most: at a kink, where the order is low
+            parts[self.local > _MUCH * allowed] = 4
+        return parts
 
 
 def estimate_error(shooting: Shooting, solution: Solution, nodes: Nodes, tolerance: float) -> Estimate:

@@ -147,12 +147,12 @@ def shooting_functions(tubes: int, integrator: str = "RK8", kind: LoadKind = DEA
     return ShootingFunctions(tubes, runge_kutta(integrator), kind)
 
 
-def halved(mesh: Array, where: NDArray[np.bool_] | None = None) -> Array:
-    """A mesh with every step, or those ``where`` true, cut in two."""
-    cut = np.ones(len(mesh), bool) if where is None else where
-    middle = np.where(cut, mesh.mean(axis=1), mesh[:, 1])
-    rows = np.stack((np.column_stack((mesh[:, 0], middle)), np.column_stack((middle, mesh[:, 1]))), axis=1)
-    return np.asarray(rows.reshape(-1, 2)[np.column_stack((np.ones(len(mesh), bool), cut)).ravel()])
+def cut(mesh: Array, parts: NDArray[np.intp]) -> Array:
+    """A mesh with every step cut into so many ``parts (steps,)``."""
+    first = np.repeat(np.cumsum(parts) - parts, parts)
+    fraction = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
+    starts = np.repeat(mesh[:, 0], parts) + fraction * np.repeat(mesh[:, 1] - mesh[:, 0], parts)
+    return np.column_stack((starts, np.append(starts[1:], mesh[-1, 1])))
 
 
 @attrs.frozen(eq=False)
@@ -201,9 +201,10 @@ class Shooting:
         other.entry = self.entry * self.functions.entry.factors(conservative, rest, precurvature)
         return other
 
-    def refined(self, where: NDArray[np.bool_] | None = None) -> Shooting:
-        """The same problem with every step, or those ``where`` true, cut in two."""
-        return Shooting(self.configuration, halved(self.mesh, where), self.integrator, self.kind)
+    def refined(self, parts: NDArray[np.intp] | None = None) -> Shooting:
+        """The same problem with every step cut in two, or into so many ``parts (steps,)``."""
+        parts = np.full(len(self.mesh), 2) if parts is None else parts
+        return Shooting(self.configuration, cut(self.mesh, parts), self.integrator, self.kind)
 
     def advance(self, states: Array, first: int) -> Array:
         """States at the ends of every other step, the ``first`` of them 0 or 1, from those at their beginnings."""
