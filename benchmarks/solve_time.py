@@ -8,27 +8,41 @@ length. Run: ``python benchmarks/solve_time.py``.
 from time import perf_counter
 
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 import ctr_opt as ctr
 from ctr_opt.mechanics.boundary import tip_rows
 from ctr_opt.mechanics.sections import Configuration
-from ctr_opt.transcription import verification
+from ctr_opt.transcription.columns import StepColumns
 from ctr_opt.transcription.shooting import Shooting
 
 REPEATS = 10
 
 
+def integrated(shooting, state):
+    """The dimensionless state behind the tip, by SciPy section by section; every mesh step here is a section."""
+    functions, length = shooting.functions, shooting.configuration.length
+    layout = StepColumns(shooting.configuration.tube_count, 1)
+    for k, (a, b) in enumerate(shooting.mesh):
+        middle = np.array([0.5 * (a + b)])
+
+        def rates(s, x, a=a, middle=middle):
+            column = layout.pack(shooting.configuration, np.array([[a, s * length]]), np.ones(1), middle)
+            return functions.rates(x, column).full()[:, 0]
+
+        state = solve_ivp(rates, (a / length, b / length), state, "DOP853", rtol=1e-8, atol=1e-10).y[:, -1]
+        state = functions.jumped(state, shooting.columns[:, k]).full()[:, 0]
+    return state
+
+
 def baseline(robot, actuation, loads, start):
     configuration = Configuration(robot, actuation, loads)
-    shooting = Shooting(configuration, configuration.mesh())
-
-    def residual(z):
-        _, tip = verification.integrate(configuration, shooting.start(z), configuration.break_points[1:])
-        return tip[tip_rows(configuration.tube_count)]
-
-    found = root(residual, start / configuration.scales.moment, tol=1e-9)
-    return verification.integrate(configuration, shooting.start(found.x), configuration.break_points[1:])[0][:3, -1]
+    breaks = configuration.break_points
+    shooting = Shooting(configuration, np.column_stack((breaks[:-1], breaks[1:])))
+    rows = tip_rows(configuration.tube_count)
+    found = root(lambda z: integrated(shooting, shooting.start(z))[rows], start / configuration.scales.moment, tol=1e-9)
+    return integrated(shooting, shooting.start(found.x))[:3]
 
 
 def median_time(action):
@@ -41,7 +55,6 @@ def median_time(action):
 
 
 def main():
-    verification._RELATIVE, verification._ABSOLUTE = 1e-8, 1e-10
     print(f"{'problem':<36}{'cold':>9}{'initial':>9}{'energy':>9}{'SciPy':>9}   SciPy over cold, initial, energy")
     for name in ("rjw_s1/fig9_loaded", "three_tubes/a1", "single_rod/kirchhoff_helix"):
         given = ctr.load_problem(f"problems/{name}.toml")
@@ -55,7 +68,7 @@ def main():
             lambda p=default, g=given: p.solve(g.actuation, g.loads),
             lambda p=default, g=given, s=start: p.solve(g.actuation, g.loads, initial=s),
         ]
-        if not any(load.has_moment for load in given.loads):
+        if not any(load.nonconservative for load in given.loads):
             minimum = ctr.ForwardProblem(given.robot, formulation="energy")
             minimum.solve(given.actuation, given.loads)
             ways.append(lambda p=minimum, g=given: p.solve(g.actuation, g.loads))

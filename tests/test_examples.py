@@ -43,5 +43,6 @@ def test_figure_is_drawn(name, tmp_path):
 
 
 def test_every_figure_of_the_docs_has_a_script_and_is_small():
-    assert {path.stem for path in DOCS.glob("*.png")} == set(FIGURES)
+    assert {path.stem for path in DOCS.glob("*.png")} == {*FIGURES, "transcriptions"}
+    assert (EXAMPLES.parent / "benchmarks" / "transcriptions.py").exists()
     assert all(path.stat().st_size < 200_000 for path in DOCS.glob("*.png"))

@@ -26,25 +26,24 @@ ALONG_FAMILY = Newton(max_iterations=30, negligible=1e-3)
 
 @attrs.frozen(eq=False)
 class Estimate:
-    """Estimated largest position error over the length; the problem with half the steps and its solution.
-
-    ``local (steps,)``: what each step contributes, the distance of its end from that of two halves.
-    """
+    """Estimated largest position error over the length of ``nodes``; the problem with half the steps, its solution."""
 
     error: float
+    nodes: Nodes
     finer: Shooting
     z: Array
-    local: Array
 
     def parts(self, tolerance: float) -> NDArray[np.intp]:
         """Into how many parts to cut each step: those that contribute more than their share of ``tolerance``."""
-        if not np.isfinite(self.error):
-            return np.full(len(self.local), 2)
-        allowed = _SHARE * min(1.0, tolerance / self.error) * self.local.sum() / len(self.local)
-        parts = np.ones(len(self.local), np.intp)
-        parts[self.local > allowed] = 2
+        steps = self.nodes.left.shape[1]
+        local = np.abs(two_halves(self.finer, self.nodes) - self.nodes.left).max(axis=0)
+        if not (np.isfinite(self.error) and np.all(np.isfinite(local))):
+            return np.full(steps, 2)
+        allowed = _SHARE * min(1.0, tolerance / self.error) * local.sum() / steps
+        parts = np.ones(steps, np.intp)
+        parts[local > allowed] = 2
         if np.any(parts == 1):  # a few steps contribute most: at a kink, where the order is low
-            parts[self.local > _MUCH * allowed] = 4
+            parts[local > _MUCH * allowed] = 4
         return parts
 
 
@@ -54,20 +53,19 @@ def estimate_error(shooting: Shooting, solution: Solution, nodes: Nodes, toleran
     The finer solution takes one chord step, two sweeps and no Jacobian; Newton's method only where that is not enough.
     """
     finer = shooting.refined()
-    unknown = np.full(len(shooting.mesh), np.inf)
     _, residual = finer.sweep(solution.z)
     z = solution.z + newton_correction(solution.jacobian, residual)
     fine_nodes, rest = finer.sweep(z)
     if not np.all(np.isfinite(rest)):
-        return Estimate(np.inf, finer, solution.z, unknown)
+        return Estimate(np.inf, nodes, finer, solution.z)
     if np.abs(rest).max() > max(0.01 * np.abs(residual).max(), tolerance):
         exact = newton(finer, z, tolerance, NEARBY)
         if not exact.converged:
-            return Estimate(np.inf, finer, z, unknown)
+            return Estimate(np.inf, nodes, finer, z)
         z = exact.z
         fine_nodes, _ = finer.sweep(z)
     difference = np.linalg.norm(nodes.left[:3] - fine_nodes.left[:3, 1::2], axis=0).max()
-    return Estimate(float(_SAFETY * difference + _ROUNDING), finer, z, _local(_two_halves(finer, nodes), nodes))
+    return Estimate(float(_SAFETY * difference + _ROUNDING), nodes, finer, z)
 
 
 def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: Nodes) -> tuple[Estimate, Solution]:
@@ -77,19 +75,14 @@ def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: Nodes) -> tuple
     ``z`` as a solution, with the residual and Jacobian there.
     """
     finer = shooting.refined()
-    ends = _two_halves(finer, nodes)
-    closure = close(shooting, z, nodes, ends)
+    closure = close(shooting, z, nodes, two_halves(finer, nodes))
     difference = np.linalg.norm(closure.states[:3], axis=0).max()
     error = float(_SAFETY * difference + _ROUNDING) if np.isfinite(difference) else np.inf
     residual = nodes.tip[shooting.functions.tip_rows]
     solution = Solution(z, residual, closure.jacobian, 0, True)
-    return Estimate(error, finer, z + closure.unknowns, _local(ends, nodes)), solution
+    return Estimate(error, nodes, finer, z + closure.unknowns), solution
 
 
-def _two_halves(finer: Shooting, nodes: Nodes) -> Array:
+def two_halves(finer: Shooting, nodes: Nodes) -> Array:
     """Where two halves of every step end that begin at the nodes."""
     return finer.advance(finer.advance(nodes.right, 0), 1)
-
-
-def _local(ends: Array, nodes: Nodes) -> Array:
-    return np.asarray(np.nan_to_num(np.abs(ends - nodes.left).max(axis=0), nan=np.inf))

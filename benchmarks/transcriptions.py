@@ -1,0 +1,182 @@
+"""Which transcription, and when? Error against work, and robustness from the straight guess.
+
+Prints the tables of docs/transcriptions.md and draws its figure. Run::
+
+    python benchmarks/transcriptions.py [docs/figures/transcriptions.png]
+"""
+
+import sys
+from itertools import pairwise
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+import ctr_opt as ctr
+from ctr_opt.mechanics.sections import Configuration
+from ctr_opt.solvers.ipopt import Ipopt, IpoptSolver
+from ctr_opt.solvers.newton import newton
+from ctr_opt.transcription.energy import EnergyProblem
+from ctr_opt.transcription.equilibrium_program import EquilibriumProblem
+from ctr_opt.transcription.shooting import Shooting
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "tests"))
+
+import samples  # noqa: E402
+
+REPEATS, STARTS, SEED = 5, 100, 2026
+COLLOCATIONS = [ctr.Collocation(2), ctr.Collocation(4), ctr.Collocation(3, "radau")]
+NAMED = {
+    "MultipleShooting, RK4": (ctr.MultipleShooting(), "RK4"),
+    "MultipleShooting, RK8": (ctr.MultipleShooting(), "RK8"),
+    **{f"Collocation({c.degree}, {c.scheme!r})": (c, "RK8") for c in COLLOCATIONS},
+}
+
+
+def mesh(configuration, parts):
+    """Every section in so many equal steps."""
+    edges = [np.linspace(a, b, parts + 1) for a, b in pairwise(configuration.break_points)]
+    return np.concatenate([np.column_stack((e[:-1], e[1:])) for e in edges])
+
+
+def timed(action):
+    """The median time, and what came out."""
+    times = []
+    for _ in range(REPEATS):
+        begin = perf_counter()
+        result = action()
+        times.append(perf_counter() - begin)
+    return float(np.median(times)), result
+
+
+def program(kind, configuration, steps, transcription, integrator, start):
+    """Time to solve a transcription from a neighbouring shape, and the tip."""
+    problem = kind(configuration, steps, transcription, integrator)
+    solver = IpoptSolver(problem.program.nlp, Ipopt())
+    time, point = timed(lambda: solver.solve(problem.like(start.shape), problem.parameters))
+    assert point.converged
+    given = (point.x, point.multipliers) if kind is EnergyProblem else (point.x,)
+    return time, problem.recover(*given)[0].tip[:3]
+
+
+def shooting(configuration, steps, integrator, start):
+    """The same for single shooting with Newton's method."""
+    problem = Shooting(configuration, steps, integrator)
+    z = start.last_iterate.unknowns(configuration.scales, configuration.kind.live)
+    time, solution = timed(lambda: newton(problem, z, 1e-11))
+    return time, problem.sweep(solution.z)[0].tip[:3]
+
+
+def work():
+    """``{(formulation, name): [(steps, time, error), ...]}`` on RJW-S1 under a tip force."""
+    given = ctr.load_problem(ROOT / "problems" / "rjw_s1" / "fig9_loaded.toml")
+    exact = ctr.ForwardProblem(given.robot, tolerance=1e-11).solve(given.actuation, given.loads)
+    near = ctr.Actuation(given.actuation.rotations + 0.1, given.actuation.translations)
+    start = ctr.ForwardProblem(given.robot).solve(near, given.loads)
+    configuration = Configuration(given.robot, given.actuation, given.loads)
+    found = {}
+    for parts in (1, 2, 4, 8):
+        steps = mesh(configuration, parts)
+        runs = {("shooting", f"single, {i}"): shooting(configuration, steps, i, start) for i in ("RK4", "RK5", "RK8")}
+        for name, options in NAMED.items():
+            for kind, title in ((EquilibriumProblem, "equilibrium"), (EnergyProblem, "energy")):
+                runs[title, name] = program(kind, configuration, steps, *options, start)
+        for key, (time, tip) in runs.items():
+            error = np.linalg.norm(tip - exact.tip_position / exact.length)
+            found.setdefault(key, []).append((len(steps), time, max(error, 1e-13)))
+    return found
+
+
+def print_work(found):
+    print("| formulation | transcription | " + " | ".join(f"{n} steps" for n, *_ in next(iter(found.values()))) + " |")
+    unit = found["shooting", "single, RK8"][0][1]
+    for (title, name), rows in found.items():
+        cells = [f"{error:.0e} ({time / unit:.1f})" for _, time, error in rows]
+        print(f"| {title} | {name} | " + " | ".join(cells) + " |")
+    print(f"in brackets: time over that of single shooting with RK8 and the fewest steps, {1e3 * unit:.1f} ms here\n")
+
+
+def starts():
+    """Cold solves of random robots from the straight guess; how many converge, and how long they take."""
+    ways = {"single shooting, Newton": {"formulation": "equilibrium", "method": "newton"}}
+    ways["single shooting, homotopy"] = {"formulation": "equilibrium"}
+    for formulation in ("equilibrium", "energy"):
+        for name, (transcription, integrator) in NAMED.items():
+            ways[f"{formulation}, {name}"] = {
+                "formulation": formulation,
+                "method": ctr.Ipopt(start="straight"),
+                "transcription": transcription,
+                "integrator": integrator,
+            }
+    drawn = [samples.conservative(SEED, 5 * index) for index in range(STARTS)]
+    print("| from the straight robot | solved | median iterations | median time, s |")
+    for name, options in ways.items():
+        solved = []
+        for sample in drawn:
+            begin = perf_counter()
+            problem = ctr.ForwardProblem(sample.robot, tolerance=1e-4, **options)
+            shape = problem.solve(sample.actuation, sample.loads, throw=False)
+            if shape.converged:
+                solved.append((shape.iterations, perf_counter() - begin))
+        middle = np.median(np.array(solved), axis=0)
+        print(f"| {name} | {len(solved)} of {STARTS} | {middle[0]:.0f} | {middle[1]:.2f} |", flush=True)
+
+
+def strong():
+    """A straight cantilever under ever larger lateral forces."""
+    robot = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)])
+    unit = robot.tubes[0].bending_stiffness / 0.1**2
+    straight = {"formulation": "equilibrium", "method": ctr.Ipopt(start="straight")}
+    ways = {
+        "homotopy": {"formulation": "equilibrium"},
+        "equilibrium, Collocation(4)": {**straight, "transcription": ctr.Collocation()},
+        "equilibrium, MultipleShooting": {**straight, "transcription": ctr.MultipleShooting()},
+        "energy, Collocation(4)": {"formulation": "energy"},
+        "automatic": {},
+    }
+    print("\n| P L^2 / EI | " + " | ".join(ways) + " |")
+    for size in (10, 100, 300, 1000):
+        cells = []
+        for options in ways.values():
+            begin = perf_counter()
+            problem = ctr.ForwardProblem(robot, **options)
+            shape = problem.solve(ctr.Actuation([0.0], [0.0]), [ctr.PointWrench([size * unit, 0, 0])], throw=False)
+            assert not shape.converged or shape.verify() < 1e-7 * shape.length
+            cells.append(f"{perf_counter() - begin:.1f} s" if shape.converged else "fails")
+        print(f"| {size} | " + " | ".join(cells) + " |", flush=True)
+
+
+def draw(found, path):
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    colors = dict(zip(NAMED, ("C0", "C1", "C2", "C3", "C4"), strict=True))
+    for axes, title in zip(panels, ("equilibrium", "energy"), strict=True):
+        for (formulation, name), rows in found.items():
+            _, times, errors = np.array(rows).T
+            if formulation == "shooting":
+                style = {"RK4": ":", "RK5": "--", "RK8": "-"}[name[-3:]]
+                axes.loglog(1e3 * times, errors, style, color="0.55", marker=".", label=f"single shooting, {name[-3:]}")
+            elif formulation == title:
+                axes.loglog(1e3 * times, errors, color=colors[name], marker="o", ms=4, label=name)
+        axes.set_title(f"{title} formulation")
+        axes.set_xlabel("time of a solve from a neighbouring shape [ms]")
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("error of the tip over the length")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+def main():
+    found = work()
+    print_work(found)
+    if len(sys.argv) > 1:
+        draw(found, sys.argv[1])
+    starts()
+    strong()
+
+
+if __name__ == "__main__":
+    main()
