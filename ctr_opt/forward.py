@@ -46,8 +46,8 @@ class ForwardProblem:
 
     Notes
     -----
-    Rucker, Jones and Webster, IEEE T-RO 2010, (2), (12)-(20) and II-G. Nothing is rebuilt between solves: one
-    problem serves any actuation and any number of loads.
+    Rucker, Jones and Webster, IEEE T-RO 2010, (2), (12)-(20) and II-G. Nothing is rebuilt between solves, but for
+    loads by new expressions: one problem serves any actuation and any number of loads.
 
     Examples
     --------

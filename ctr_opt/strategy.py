@@ -46,7 +46,7 @@ METHOD_NAMES: dict[str, type[Newton] | type[Homotopy] | type[Ipopt]] = {
 _REFINEMENTS = 7  # times all steps may be halved to reach the tolerance
 _LOCAL_REFINEMENTS = 30  # times some may: loads with kinks are met by ever shorter steps there
 _PROGRESS = 0.9  # of the error: cutting steps and gaining less meets a limit that is not the discretization's
-_IDLE = 2  # times in succession that this may happen where some steps were cut, as a kink may lie badly once
+_IDLE = 4  # times in succession that this may happen where some steps were cut, as a kink may lie badly once
 _MOST_STEPS = 3000  # no mesh has more
 _SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from
 _NEAR = 0.1  # of the way: where paths end sooner the loads are absurd, and ways around folds too long
@@ -244,7 +244,7 @@ class Run:
             comparable = jacobian.shape == reached.solution.jacobian.shape
             if comparable and regular_between(jacobian, reached.solution.jacobian, family):
                 return reached
-            self.path[-1] += " (perhaps another branch)"
+            self.path[-1] += " (perhaps another branch)" if comparable else " (loads of another kind)"
             message = "newton from initial: the Jacobian may have been singular on the way"
             first = _Failed(SolveStatus.STALLED, message, reached.solution.z)
         except _Failed as failure:
@@ -280,7 +280,12 @@ class Run:
         if guess is None and isinstance(method, Ipopt) and method.start == "homotopy":
             guess = self._by_homotopy()
         self.warm = initial is not None
-        return self._discretized(self._lowest, None if guess is None else self._shape_of(guess))
+        try:
+            shape = None if guess is None else self._shape_of(guess)
+        except _Failed:
+            self.path.append("the guess stands for no finite shape")
+            shape = None
+        return self._discretized(self._lowest, shape)
 
     def _lowest(self, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array, bool]:
         """A minimum of the transcribed energy."""
@@ -333,7 +338,9 @@ class Run:
         """A solution of the transcribed boundary-value problem."""
         settings = self.settings
         self.path.append("ipopt")
-        problem = EquilibriumProblem(self.configuration, mesh, settings.transcription, settings.integrator)
+        problem = self._setup(
+            lambda: EquilibriumProblem(self.configuration, mesh, settings.transcription, settings.integrator)
+        )
         solver = self._setup(lambda: _solver(problem.program.nlp, _ipopt(settings)))
         point = solver.solve(problem.straight() if shape is None else problem.like(shape), problem.parameters)
         self.iterations += point.iterations
@@ -400,8 +407,8 @@ class Run:
             self.path[-1] += f" (ended at {found.reached:.3g})"
             status = SolveStatus.FOLD if found.singular else SolveStatus.STALLED
             message = f"{name}: {status.description}, at {found.reached:.6g} of the way, after {found.steps} steps"
-            if not found.solution.converged:
-                message += f" ({found.solution.reason})"
+            if found.reason:
+                message += f" ({found.reason})"
             raise _Failed(status, message, found.solution.z, found.reached, found.steps >= method.max_steps)
         return _Reached(shooting, found.solution)
 
@@ -410,7 +417,7 @@ class Run:
     ) -> tuple[EnergyProblem, Minimum]:
         self.path.append(name)
         settings = self.settings
-        energy = EnergyProblem(configuration, mesh, settings.transcription, settings.integrator)
+        energy = self._setup(lambda: EnergyProblem(configuration, mesh, settings.transcription, settings.integrator))
         solver = self._setup(lambda: _solver(energy.program.nlp, _ipopt(settings)))
         guess = energy.straight() if shape is None else energy.like(shape)
         found = minimize(solver, energy, energy.program.free, guess)
@@ -540,7 +547,7 @@ def _ipopt(settings: Settings) -> Ipopt:
     return settings.method if isinstance(settings.method, Ipopt) else Ipopt()
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=24)
 def _solver(nlp: Nlp, method: Ipopt) -> IpoptSolver:
     return IpoptSolver(nlp, method)
 

@@ -155,3 +155,32 @@ def test_a_failed_continuation_tells_the_last_equilibrium():
     assert last.verify() <= 1e-7 * last.length
     assert start.last_equilibrium is None
     np.testing.assert_allclose(last.last_iterate.vector, failed.last_iterate.vector, rtol=1e-3, atol=1e-6)
+
+
+def test_a_cold_start_that_fails_tells_the_last_equilibrium():
+    """A straight column under 1.5 times Euler's load: no path of equilibria leads there without leaving the axis."""
+    made, critical = rod(), np.pi**2 / 4 * 0.02 / 0.1**2
+    load = [ctr.PointWrench([0.0, 0.0, -1.5 * critical])]
+    failed = ctr.ForwardProblem(made, formulation="equilibrium").solve(held(), load, throw=False)
+    last = failed.last_equilibrium
+    assert failed.status is ctr.SolveStatus.FOLD
+    assert failed.reached == pytest.approx(1 / 1.5, abs=1e-2)
+    assert -last.loads[0].force[2] == pytest.approx(critical, rel=1e-2)
+    np.testing.assert_allclose(last.tip_position, [0.0, 0.0, 0.1], atol=1e-9)
+    assert last.verify() <= 1e-7 * last.length
+
+
+def test_loads_too_strong_for_shooting_are_reached_in_steps():
+    """P L^2 / EI = 300 bends the rod at its base alone; known in closed form but for exp(-sqrt(300)) = 3e-8.
+
+    The semi-infinite elastica leaves its clamp with curvature 2 sqrt(P / EI) sin(45 deg), and a rod clamped across the
+    force keeps the first integral EI kappa^2 / 2 = P (1 - sin(angle)) that vanishes at the tip.
+    """
+    EI, L = 0.02, 0.1
+    P = 300.0 * EI / L**2
+    problem = ctr.ForwardProblem(rod(L, EI), formulation="energy")
+    result = problem.solve(held(), [ctr.PointWrench([P, 0.0, 0.0])])
+    assert "loads in steps" in result.path
+    assert result.stability_checked
+    assert result.verify() <= 1e-7 * L
+    assert np.linalg.norm(result.curvature(0.0)) == pytest.approx(np.sqrt(2.0 * P / EI), rel=1e-6)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import ctr_opt as ctr
 
 EI, GJ, L = 0.02, 0.015, 0.1
+XY, XYZ = ca.SX.sym("p", 2), ca.SX.sym("p", 3)
 
 
 def solve(made, actuation, loads, **options):
@@ -266,6 +267,56 @@ def test_at_the_entry_a_body_moment_twists_the_transmission_alone():
     assert result.tube_angle(0, L) == pytest.approx(M * L / GJ, rel=1e-9)
 
 
+@pytest.mark.parametrize("formulation", ["automatic", "energy"])
+@pytest.mark.parametrize("load", ["dead", "potential"])
+def test_a_force_at_the_entry_is_held_by_the_base(formulation, load):
+    """It moves nothing; the internal force behind it is that of the other load."""
+    made = rod(curvature=[0.0, 8.0, 0.0])
+    at_entry = (
+        ctr.PointWrench([-3.0, 0, 0], arc_length=0.0)
+        if load == "dead"
+        else ctr.PotentialLoad(lambda p: 3.0 * p[0], arc_length=0.0)
+    )
+    push = ctr.PointWrench([0.3, 0.1, 0.0])
+    alone = solve(made, held(), [push], formulation=formulation)
+    both = solve(made, held(), [at_entry, push], formulation=formulation)
+    np.testing.assert_allclose(both.internal_force(0.0), [0.3, 0.1, 0.0], atol=1e-9)
+    np.testing.assert_allclose(both.position(both.arc_length), alone.position(both.arc_length), atol=1e-9 * L)
+    assert both.energy == pytest.approx(alone.energy, rel=1e-8)
+    assert both.last_iterate.force[0] == pytest.approx(0.0 if load == "dead" else -3.0, abs=1e-9)
+    assert both.verify() <= 1e-9 * L
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        ctr.ExpressionLoad(lambda s, p, R: ([10 * ca.sqrt(s - 0.05), 0, 0], [0, 0, 0]), start=0.05),
+        ctr.ExpressionLoad(lambda s, p, R: ([ca.log(s - 0.05), 0, 0], [0, 0, 0]), start=0.06),
+        ctr.PotentialLoad(lambda p: 25.0 * (ca.norm_2(p) - 0.08) ** 2),  # a string to the entry, without value there
+        ctr.ExpressionLoad(lambda s, p, R: ([ca.log(-1 - s), 0, 0], [0, 0, 0]), factor=0.0),
+    ],
+)
+def test_where_a_load_does_not_act_it_needs_no_value(load):
+    # sqrt has no polynomial at its start: 1e-6 is what steps of a thousandth of the rod give
+    result = solve(rod(curvature=[0.0, 8.0, 0.0]), held(), [load], tolerance=1e-6)
+    assert result.verify() <= 1e-6 * L
+
+
+def test_a_narrow_expression_is_seen():
+    """1 N within a fifth of a millimetre, anywhere, is nearly a point force."""
+    made, width = rod(curvature=[0.0, 8.0, 0.0]), 2e-4
+    for c in (0.0471, 0.0633):
+
+        def bump(s, p, R, c=c):
+            return [ca.exp(-(((s - c) / width) ** 2)) / (width * np.sqrt(np.pi)), 0, 0], [0, 0, 0]
+
+        spread = solve(made, held(), [ctr.ExpressionLoad(bump, start=0.0)], tolerance=1e-7)
+        point = solve(made, held(), [ctr.PointWrench([1.0, 0, 0], arc_length=c)])
+        # second moment of the bump, (2e-4)^2 / 2, times what a second derivative does: 1e-6 of the length
+        np.testing.assert_allclose(spread.tip_position, point.tip_position, atol=3e-6 * L)
+        assert spread.verify() <= 1e-7 * L
+
+
 # -- routes ------------------------------------------------------------------------------------------------------------
 
 
@@ -325,6 +376,9 @@ def test_the_energy_refuses_loads_without_potential_by_name(load, words):
         (lambda: ctr.PotentialLoad(lambda p: p[0], arc_length=0.1, start=0.0), "are both given"),
         (lambda: ctr.PotentialLoad(lambda p: p[0], start=0.2, end=0.1), r"end = 0.1 m must be above start"),
         (lambda: ctr.PotentialLoad(lambda p: p[0], factor=np.nan), "factor = nan must be a finite number"),
+        (lambda: ctr.PotentialLoad(ca.Function("potential", [XY], [XY[0]])), "potential.* failed"),
+        (lambda: ctr.PotentialLoad(ca.Function("potential", [XYZ], [XYZ])), r"must be a scalar, but has the shape"),
+        (lambda: ctr.ExpressionLoad(ca.Function("function", [XYZ], [XYZ])), "function.* failed"),
         (lambda: ctr.PointWrench([1, 0, 0], frame="tube"), "frame = 'tube' must be 'world' or 'body'"),
     ],
 )

@@ -18,13 +18,28 @@ class Field:
     content: str
     tube: int
     function: ca.Function = attrs.field(eq=False, repr=False)
-    conservative: bool = True
+    downhill: ca.Function | None = attrs.field(default=None, eq=False, repr=False)
+
+    @property
+    def conservative(self) -> bool:
+        """Whether it is a potential."""
+        return self.downhill is not None
+
+    @property
+    def varies_along(self) -> bool:
+        """Whether it depends on the arc length itself."""
+        if self.conservative:
+            return False
+        return any(self.function.jac_sparsity(i, 0).nnz() > 0 for i in range(2))
 
     @classmethod
     def of(cls, load: PotentialLoad | ExpressionLoad) -> Field:
         """The expression of a load, without its place and factor."""
-        function = load.potential if isinstance(load, PotentialLoad) else load.function
-        return cls(function.serialize(), load.tube, function, isinstance(load, PotentialLoad))
+        if isinstance(load, PotentialLoad):
+            p = ca.SX.sym("p", 3)
+            downhill = ca.Function("downhill", [p], [ca.densify(-ca.gradient(load.potential(p), p))])
+            return cls(load.potential.serialize(), load.tube, load.potential, downhill)
+        return cls(load.function.serialize(), load.tube, load.function)
 
     def energy(self, position: Any) -> Any:
         """``V(p)``; SI."""
@@ -32,12 +47,10 @@ class Field:
 
     def wrench(self, s: Any, position: Any, frame: Any) -> tuple[Any, Any]:
         """Force and moment, world frame, at a place where the tube's material frame is ``frame``; SI."""
-        if not self.conservative:
-            force, moment = self.function(s, position, frame)
-            return force, moment
-        p = ca.SX.sym("p", 3)
-        downhill = ca.Function("downhill", [p], [ca.densify(-ca.gradient(self.function(p), p))])
-        return downhill(position), ca.DM.zeros(3)
+        if self.downhill is not None:
+            return self.downhill(position), ca.DM.zeros(3)
+        force, moment = self.function(s, position, frame)
+        return force, moment
 
 
 @attrs.frozen

@@ -7,6 +7,7 @@ and the loads are *data*. Break points are exact nodes: curvature steps, tube en
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -147,6 +148,8 @@ class Configuration:
                 )
             return min(value, tube_end)
 
+        if isinstance(load, (PotentialLoad, ExpressionLoad)) and load.factor == 0.0:
+            return
         if isinstance(load, (PotentialLoad, ExpressionLoad)) and not load.distributed:
             self.point_fields.append((inside("arc_length", load.arc_length), Field.of(load), load.factor))
             return
@@ -179,7 +182,10 @@ class Configuration:
         for tube, translation in zip(self.robot.tubes, self.translations, strict=True):
             points.extend(translation + tube.shape.breaks)
         points.extend(s for s, _, _ in (*self.point_loads, *self.point_fields))
-        points.extend(s for interval in self.distributed_fields for s in interval[:2])
+        for start, end, expression, _ in self.distributed_fields:
+            points.extend((start, end))
+            if expression.varies_along:
+                points.extend(self._resolved(expression, start, end))
         for name, (start, end, load) in zip(self._distributed_names, self.distributed_loads, strict=True):
             points.extend((start, end))
             for field, density in (("force", load.force), ("moment", load.moment)):
@@ -192,6 +198,19 @@ class Configuration:
         kept = np.asarray(inside[apart])
         kept[-1] = self.length
         return kept
+
+    def _resolved(self, field: Field, start: float, end: float) -> list[float]:
+        """Where an expression needs break points by its dependence on ``s``, seen on the straight robot."""
+        pose = self.robot.base_pose
+
+        def along(s: float, part: int) -> Array:
+            wrench = field.wrench(s, pose[:3, 3] + s * pose[:3, 2], pose[:3, :3])
+            return np.asarray(wrench[part].full()[:, 0])
+
+        try:
+            return [s for part in (0, 1) for s in resolve(partial(along, part=part), start, end, "function")]
+        except DefinitionError:  # it has no value there: no matter, as the robot is not straight
+            return []
 
     def _nearest_break(self, s: float) -> float:
         return float(self.break_points[np.argmin(np.abs(self.break_points - s))])

@@ -19,7 +19,7 @@ _SHAPES = {"s": (1, 1), "p": (3, 1), "R": (3, 3)}
 def _expression(value: Any, field: str, finish: Callable[[Any], Sequence[Any]]) -> ca.Function:
     """The user's function, called once with symbols and kept as a CasADi function."""
     names = _ARGUMENTS[field]
-    if isinstance(value, ca.Function) and value.name() == field and value.is_a("SXFunction"):
+    if isinstance(value, ca.Function) and value.name() == field and _is_checked(value, field):
         return value
     arguments = f"{field}({', '.join(names)})"
     if not callable(value):
@@ -36,6 +36,15 @@ def _expression(value: Any, field: str, finish: Callable[[Any], Sequence[Any]]) 
             f"{arguments} must return CasADi expressions of its arguments alone, built from elementary functions, "
             f"but failed: {type(error).__name__}: {reason}"
         ) from error
+
+
+def _is_checked(function: ca.Function, field: str) -> bool:
+    """Whether a CasADi function is one that was made here, of a load that is copied."""
+    given = [function.size_in(i) for i in range(function.n_in())]
+    returned = [function.size_out(i) for i in range(function.n_out())]
+    wanted = [(1, 1)] if field == "potential" else [(3, 1), (3, 1)]
+    arguments = [_SHAPES[name] for name in _ARGUMENTS[field]]
+    return function.is_a("SXFunction") and given == arguments and returned == wanted
 
 
 def _entries(value: Any, rows: int, what: str) -> ca.SX:
@@ -110,7 +119,7 @@ class PotentialLoad(_Field):
     ----------
     potential
         ``V(p)``: a function of the position ``p (3,)`` (m, world frame, a CasADi symbol) that returns a scalar CasADi
-        expression: J at a point, J/m per arc length. Its gradient must be continuous.
+        expression: J at a point, J/m per arc length. Its gradient must be continuous (kinks are met by short steps).
     arc_length
         ``s`` of the point it acts at, m; ``None``: the named tube's distal end.
     start, end
@@ -123,8 +132,8 @@ class PotentialLoad(_Field):
 
     Notes
     -----
-    The equations are built anew for every new expression and kept for an old one, told by its content: a fraction of a
-    second for each.
+    The equations are built anew for every new expression, in a fraction of a second, and kept for the last few, told by
+    their content; another place or ``factor`` costs nothing.
 
     Examples
     --------
@@ -157,7 +166,8 @@ class ExpressionLoad(_Field):
     function
         ``(s, p, R) -> (force, moment)``: CasADi expressions ``(3,)`` each, world frame, of the arc length ``s`` (m),
         the position ``p (3,)`` (m, world frame) and the named tube's material frame ``R (3, 3)``; N and N m at a
-        point, N/m and N m/m per arc length.
+        point, N/m and N m/m per arc length. They must be continuous; where one jumps in ``s``, cut it into loads with
+        ``start`` and ``end`` of their own, and do so for one that is narrower than a thousandth of its interval.
     arc_length, start, end, tube, factor
         As in :class:`PotentialLoad`.
 

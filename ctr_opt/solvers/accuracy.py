@@ -76,7 +76,8 @@ def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: Nodes) -> tuple
     """
     finer = shooting.refined()
     closure = close(shooting, z, nodes, two_halves(finer, nodes))
-    difference = np.linalg.norm(closure.states[:3], axis=0).max()
+    carried = closure.states[:, 1:] - closure.gaps  # the corrections at the steps' beginnings, seen at their ends
+    difference = max(np.linalg.norm(moved[:3], axis=0).max() for moved in (closure.states, carried))
     error = float(_SAFETY * difference + _ROUNDING) if np.isfinite(difference) else np.inf
     residual = nodes.tip[shooting.functions.tip_rows]
     solution = Solution(z, residual, closure.jacobian, 0, True)

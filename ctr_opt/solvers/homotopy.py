@@ -44,7 +44,7 @@ class Homotopy:
 class Trace:
     """Where a continuation ended: the last point reached, the parameter there, and what it took.
 
-    ``folds``: how often the parameter changed its direction.
+    ``folds``: how often the parameter changed its direction; ``reason``: why the last step tried was taken back.
     """
 
     solution: Solution
@@ -53,6 +53,7 @@ class Trace:
     iterations: int
     singular: bool
     folds: int = 0
+    reason: str = ""
 
     @property
     def complete(self) -> bool:
@@ -78,9 +79,10 @@ def trace(
     start = newton(at(0.0), z, tolerance)
     iterations = start.iterations
     if not start.converged:
-        return Trace(start, 0.0, 0, iterations, False)
+        return Trace(start, 0.0, 0, iterations, False, reason=start.reason)
     here, reached, step, steps = start, 0.0, method.first_step, 0
     before: tuple[float, Array] | None = None
+    reason = ""
     widest, family = _smallest(here), family_of(here.jacobian)
     while reached < 1.0 and steps < method.max_steps and step >= method.smallest_step:
         target = min(1.0, reached + step)
@@ -91,13 +93,14 @@ def trace(
         steps += 1
         iterations += found.iterations
         if not found.converged or not _regular_step(at, here, found, 0.5 * (reached + target), family):
+            reason = found.reason or "the Jacobian may have been singular on the way"
             step = 0.5 * (target - reached)
             continue
         before = (reached, here.z)
         here, reached = found, target
         widest = max(widest, _smallest(found))
         step *= 3.0 if found.iterations <= 2 else 1.6 if found.iterations <= 3 else 0.8
-    return Trace(here, reached, steps, iterations, _smallest(here) < _SINGULAR * widest)
+    return Trace(here, reached, steps, iterations, _smallest(here) < _SINGULAR * widest, reason=reason)
 
 
 def regular_between(a: Array, b: Array, family: float = 0.0) -> bool:

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import attrs
+import casadi as ca
 import numpy as np
 
 from ..mechanics.boundary import Entry
@@ -102,6 +103,17 @@ class StepColumns:
     def point_load(self, column: Any, state: State[Any]) -> tuple[Any, Any]:
         """The force ``(3,)`` and the tubes' moments ``(3, tubes)`` at the end of the step."""
         return self._point.at(column, self.parts, 0, state)
+
+    def node(self, column: Any, node: int) -> Any:
+        """The data at a node as a column of the same step with that node alone."""
+        parts, width = self.parts, {name: size // self.nodes for name, size in self._inner.sizes.items()}
+        width |= {"precurvature": 3 * self.tubes, "unit": 0}
+
+        def own(name: str, part: slice) -> Any:
+            size = width.get(name, 0)
+            return column[part.start + size * node : part.start + size * (node + 1)] if size else column[part]
+
+        return ca.vertcat(*(own(name, part) for name, part in parts.items()))
 
     def load_energy(self, column: Any, node: int, position: Any) -> Any:
         """The loads' potential per arc length at a node."""

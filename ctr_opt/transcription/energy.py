@@ -9,7 +9,6 @@ multipliers of the nodes' equations are the internal forces and moments.
 from __future__ import annotations
 
 from copy import copy
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -29,6 +28,7 @@ from .integrators import runge_kutta
 from .nlp import Nlp, NlpBuilder, padded
 from .schemes import Collocation, Transcription, interpolation, tableau
 from .shape import Shape
+from .sharing import shared_by_kind
 from .shooting import Nodes
 
 
@@ -71,7 +71,7 @@ class EnergyProgram:
         if defects:
             builder.equation("collocation", at_points, defects[0])
         builder.equation("node", states, ends)
-        here = self.entry.point_energy(entry, begin.position)
+        here = self.entry.point_energy(entry, y[:3, 0])  # of the state, so that its multiplier is n(0-)
         return builder.build(ca.sum2(energies) + 0.5 * ca.sumsqr(twist) + here)
 
     @property
@@ -133,12 +133,8 @@ class EnergyProgram:
         return np.concatenate([variables[name].indices.ravel(order="F") for name in ("transmission", "curvature")])
 
 
-@lru_cache(maxsize=32)
-def energy_program(
-    tubes: int, transcription: Transcription, integrator: str, kind: LoadKind, steps: int
-) -> EnergyProgram:
-    """The program, shared by all problems of its size."""
-    return EnergyProgram(tubes, transcription, integrator, kind, steps)
+energy_program = shared_by_kind(EnergyProgram, most=32)
+"""The program for ``(tubes, transcription, integrator, kind, steps)``, shared by all problems of its size."""
 
 
 class EnergyProblem:

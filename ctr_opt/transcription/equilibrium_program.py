@@ -6,7 +6,6 @@ collocation, at the points inside the steps. Equations: the entry, every step, a
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -23,6 +22,7 @@ from .guess import Guess
 from .nlp import Nlp, NlpBuilder, padded
 from .schemes import Collocation, Tableau, Transcription, tableau
 from .shape import Shape
+from .sharing import shared_by_kind
 from .shooting import Nodes, shooting_functions
 
 
@@ -80,12 +80,8 @@ class EquilibriumProgram:
         return ca.Function("collocation_step", [x, ca.vec(inner), column], [ca.vec(defects), after, before])
 
 
-@lru_cache(maxsize=32)
-def equilibrium_program(
-    tubes: int, transcription: Transcription, integrator: str, kind: LoadKind, steps: int
-) -> EquilibriumProgram:
-    """The system, shared by all problems of its size."""
-    return EquilibriumProgram(tubes, transcription, integrator, kind, steps)
+equilibrium_program = shared_by_kind(EquilibriumProgram, most=32)
+"""The system for ``(tubes, transcription, integrator, kind, steps)``, shared by all problems of its size."""
 
 
 class EquilibriumProblem:

@@ -70,8 +70,9 @@ class LoadColumns:
             s = self._part(column, parts, "place", 1, node)
             frame = material_frame(state.orientation, state.angles[field.tube])
             pushes, twists = field.wrench(s, state.position * unit, frame)
-            force += factor * pushes
-            own_moment = [factor / unit * twists if i == field.tube else ca.DM.zeros(3) for i in range(n)]
+            force += _active(factor, factor * pushes)
+            turning = _active(factor, factor / unit * twists)
+            own_moment = [turning if i == field.tube else ca.DM.zeros(3) for i in range(n)]
             moment += ca.horzcat(*own_moment)
         return force, moment
 
@@ -80,7 +81,7 @@ class LoadColumns:
         total = -ca.dot(self._part(column, parts, "force", 3, node), position)
         for field, factor, unit in self._fields(column, parts, node):
             if field.conservative:
-                total += factor / unit * field.energy(position * unit)
+                total += _active(factor, factor / unit * field.energy(position * unit))
         return total
 
     def _fields(self, column: Any, parts: dict[str, slice], node: int) -> list[tuple[Any, Any, Any]]:
@@ -97,3 +98,8 @@ class LoadColumns:
         if fields:
             of["field"] = np.tile(fields, self.nodes)
         return {self.prefix + name: factor for name, factor in of.items() if self.prefix + name in parts}
+
+
+def _active(factor: Any, value: Any) -> Any:
+    """The value where the load acts, zero elsewhere, even if the expression has no value there."""
+    return ca.if_else(factor != 0, value, 0)

@@ -9,7 +9,6 @@ each of a few step counts.
 from __future__ import annotations
 
 from copy import copy
-from functools import lru_cache
 from typing import Any
 
 import attrs
@@ -25,6 +24,7 @@ from ..robot.checks import Array
 from .columns import EntryColumn, StepColumns
 from .integrators import RungeKutta, runge_kutta
 from .nlp import padded
+from .sharing import shared_by_kind
 
 
 def unknowns(tubes: int, kind: LoadKind) -> int:
@@ -45,20 +45,11 @@ class ShootingFunctions:
         self._sweeps: dict[int, ca.Function] = {}
         self._maps: dict[tuple[str, int], ca.Function] = {}
         self._linearized: dict[int, ca.Function] = {}
+        self._linear_steps: dict[int, ca.Function] = {}
         x = ca.SX.sym("x", State.size(tubes))
         column = ca.SX.sym("column", self.columns.size)
         before, after = self._step(x, column)
         self.step = ca.Function("step", [x, column], [after, before], ["x", "column"], ["after", "before"])
-        seeds = ca.SX.sym("seeds", State.size(tubes), self.unknowns)
-        moved = ca.jtimes(after, x, seeds)
-        self._linear_step = ca.Function(
-            "linear_step",
-            [ca.horzcat(x, seeds), column],
-            [ca.horzcat(after, moved)],
-            ["x", "column"],
-            ["after"],
-            {"cse": True},
-        )
         z = ca.SX.sym("z", self.unknowns)
         entry = ca.SX.sym("entry", self.entry.size)
         start = self._start(z, entry)
@@ -74,10 +65,6 @@ class ShootingFunctions:
         self.rates = ca.Function("rates", [x, local_column], [rod.rates(state, local).joined()])
         behind = boundary.jump(state, *self.columns.point_load(column, state)).joined()
         self.jumped = ca.Function("jumped", [x, column], [behind])
-        directions, gap = ca.SX.sym("directions", State.size(tubes), 6 + tubes), ca.SX.sym("gap", State.size(tubes))
-        carried = ca.jtimes(after, x, directions)
-        carried[:, -1] += gap
-        self._carry = ca.Function("carry", [directions, x, column, gap], [carried], {"cse": True})
 
     def _step(self, x: Any, column: Any) -> tuple[Any, Any]:
         def derivative(inner: Any, j: int) -> Any:
@@ -87,6 +74,25 @@ class ShootingFunctions:
         before = self.integrator.step(derivative, x, column[0])
         state = State.split(before, self.tubes)
         return before, boundary.jump(state, *self.columns.point_load(column, state)).joined()
+
+    def _linear_step(self, directions: int) -> ca.Function:
+        """``(x and directions in its space, column) -> (the state behind the step, the directions there)``."""
+        if directions in self._linear_steps:
+            return self._linear_steps[directions]
+        size = State.size(self.tubes)
+        both, column = ca.SX.sym("both", size, 1 + directions), ca.SX.sym("column", self.columns.size)
+
+        def with_directions(function: ca.Function) -> ca.Function:
+            x, data = ca.SX.sym("x", size), ca.SX.sym("data", function.size1_in(1))
+            seeds = ca.SX.sym("seeds", size, directions)
+            value = function(x, data)
+            both = ca.horzcat(value, ca.jtimes(value, x, seeds))
+            return ca.Function("linear", [ca.horzcat(x, seeds), data], [both], {"cse": True})
+
+        rates, jumped = with_directions(self.rates), with_directions(self.jumped)
+        before = self.integrator.step(lambda inner, j: rates(inner, self.columns.node(column, j)), both, column[0])
+        self._linear_steps[directions] = ca.Function("linear_step", [both, column], [jumped(before, column)])
+        return self._linear_steps[directions]
 
     def _start(self, z: Any, entry: Any) -> Any:
         tubes = self.tubes
@@ -122,7 +128,13 @@ class ShootingFunctions:
         count = states.shape[1]
         size = padded(count)
         if ("carry", size) not in self._maps:
-            self._maps["carry", size] = self._carry.mapaccum("carry", size)
+            rows, width = first.shape
+            directions, x, gap = ca.SX.sym("directions", rows, width), ca.SX.sym("x", rows), ca.SX.sym("gap", rows)
+            column = ca.SX.sym("column", self.columns.size)
+            carried = self._linear_step(width)(ca.horzcat(x, directions), column)[:, 1:]
+            carried[:, -1] += gap
+            carry = ca.Function("carry", [directions, x, column, gap], [carried])
+            self._maps["carry", size] = carry.mapaccum("carry", size)
         rest = ((0, 0), (0, size - count))
         padding = [np.pad(each, rest, mode="edge") for each in (states, columns, gaps)]
         found = self._maps["carry", size](first, *padding).full()[:, : count * first.shape[1]]
@@ -134,17 +146,20 @@ class ShootingFunctions:
             z, entry = ca.MX.sym("z", self.unknowns), ca.MX.sym("entry", self.entry.size)
             columns = ca.MX.sym("columns", self.columns.size, count)
             start, slope = self.start(z, entry)
-            everything = self._linear_step.mapaccum("linear_sweep", count)(ca.horzcat(start, slope), columns)
+            sweep = self._linear_step(self.unknowns).mapaccum("linear_sweep", count)
+            everything = sweep(ca.horzcat(start, slope), columns)
             last = everything[:, -(1 + self.unknowns) :]
             rows = last[self.tip_rows, :]
             self._linearized[count] = ca.Function("linearized", [z, entry, columns], [rows[:, 0], rows[:, 1:]])
         return self._linearized[count]
 
 
-@lru_cache(maxsize=64)
+_shared = shared_by_kind(ShootingFunctions, most=64)
+
+
 def shooting_functions(tubes: int, integrator: str = "RK8", kind: LoadKind = DEAD) -> ShootingFunctions:
     """The functions, shared by every problem with as many tubes and the same kind of loads."""
-    return ShootingFunctions(tubes, runge_kutta(integrator), kind)
+    return _shared(tubes, runge_kutta(integrator), kind)
 
 
 def cut(mesh: Array, parts: NDArray[np.intp]) -> Array:

@@ -13,6 +13,7 @@ from .shape import Shape
 from .shooting import Shooting, shooting_functions
 
 _RELATIVE, _ABSOLUTE = 1e-12, 1e-14
+_LONGEST = 1.0 / 32.0  # of a step of the mesh, under expressions: what they hide between longer steps would be missed
 
 
 def integrate(configuration: Configuration, mesh: Array, right: Array) -> tuple[Array, Array]:
@@ -32,7 +33,10 @@ def integrate(configuration: Configuration, mesh: Array, right: Array) -> tuple[
         (slopes,) = functions.many(functions.rates, states.reshape(right.shape), columns)
         return np.asarray((slopes * (lengths / configuration.length)).ravel())
 
-    found = solve_ivp(rates, (0.0, 1.0), right.ravel(), "DOP853", (0.5, 1.0), rtol=_RELATIVE, atol=_ABSOLUTE)
+    longest = _LONGEST if configuration.kind.fields else np.inf
+    found = solve_ivp(
+        rates, (0.0, 1.0), right.ravel(), "DOP853", (0.5, 1.0), rtol=_RELATIVE, atol=_ABSOLUTE, max_step=longest
+    )
     if not found.success:
         raise ArithmeticError(f"the integration of a step stopped: {found.message}")
     return found.y[:, 0].reshape(right.shape), found.y[:, 1].reshape(right.shape)
