@@ -13,6 +13,8 @@ import time
 from functools import partial
 from pathlib import Path
 
+import attrs
+import casadi as ca
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -32,7 +34,11 @@ SETTINGS = (
     {"formulation": "equilibrium"},
     {"formulation": "energy"},
     {"formulation": "energy", "tolerance": 1e-5},
+    {"formulation": "equilibrium", "transcription": ctr.MultipleShooting()},
+    {"formulation": "equilibrium", "transcription": ctr.Collocation()},
+    {"formulation": "energy", "transcription": ctr.Collocation(3, "radau"), "tolerance": 1e-5},
 )
+SPRING = ctr.PotentialLoad(lambda p: 2.0 * ca.sumsqr(p - ca.DM([0.05, 0.0, 0.1])))
 
 
 def solved(problem, actuation, loads, initial=None):
@@ -75,7 +81,11 @@ def warm(seed, index):
     robot, actuation, loads = samples.light(seed, index, load=4.0)
     settings = SETTINGS[index // 4 % len(SETTINGS)]
     if settings.get("formulation") == "energy":
-        loads = [load.forces_only() for load in loads]
+        loads = [load.conservative_part() for load in loads]
+    elif index % 3 == 1:
+        loads = [attrs.evolve(load, frame="body") if isinstance(load, ctr.PointWrench) else load for load in loads]
+    if index % 5 == 2:
+        loads = [*loads, SPRING]
     problem, shape, records = ctr.ForwardProblem(robot, **settings), None, []
     for _ in range(8):
         result, seconds = solved(problem, actuation, loads, shape)
@@ -111,7 +121,7 @@ def memory(seed, count, every):
             problem = ctr.ForwardProblem(robot)
         elif index % 40 == 1:
             problem = ctr.ForwardProblem(robot, formulation="energy", tolerance=1e-4)
-            loads = [load.forces_only() for load in loads]
+            loads = [load.conservative_part() for load in loads]
         for _ in range(5):
             shape, spent = solved(problem, actuation, loads, shape)
             shape = shape if shape.converged else None

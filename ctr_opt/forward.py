@@ -14,9 +14,10 @@ from .robot.actuation import Actuation
 from .robot.checks import array, choice, number
 from .robot.loads import LOADS, Load
 from .robot.robot import Robot
+from .settings import METHOD_NAMES, METHODS, Method, Settings
 from .solvers.ipopt import Ipopt
 from .solvers.status import SolveStatus
-from .strategy import METHOD_NAMES, METHODS, Method, Run, Settings, refuse_nonconservative
+from .strategy import Run
 from .transcription.integrators import INTEGRATORS
 from .transcription.schemes import Collocation, MultipleShooting, Transcription
 
@@ -128,7 +129,7 @@ class ForwardProblem:
         """
         configuration = Configuration(self.robot, actuation, _as_loads(loads))
         if self.settings.formulation == "energy":
-            refuse_nonconservative(configuration)
+            _refuse_nonconservative(configuration)
         return configuration
 
     def guess(
@@ -178,6 +179,16 @@ def _method(formulation: Any, method: Any, transcription: Transcription | None) 
             f"transcription = {transcription!r} needs method = Ipopt(...): {type(method).__name__} shoots"
         )
     return formulation, method
+
+
+def _refuse_nonconservative(configuration: Configuration) -> None:
+    """The energy formulation takes loads that have a potential."""
+    for k, load in enumerate(configuration.loads):
+        if load.nonconservative:
+            raise DefinitionError(
+                f"loads[{k}] ({type(load).__name__}) {load.nonconservative}, which has no potential: "
+                "formulation = 'energy' takes conservative loads only; use formulation = 'automatic' or 'equilibrium'"
+            )
 
 
 def _as_loads(loads: Any) -> tuple[Load, ...]:

@@ -7,67 +7,35 @@ from collections.abc import Callable
 from functools import lru_cache
 from itertools import groupby
 from time import perf_counter
-from typing import TypeAlias, TypeVar
+from typing import TypeVar
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 
 from .continuation import Imperfect, Release, Route
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .errors import DefinitionError
 from .mechanics.sections import Configuration
 from .robot.checks import Array
+from .settings import Settings
 from .solvers.accuracy import ALONG_FAMILY, NEARBY, Estimate, estimate_error, estimate_error_of_nodes
 from .solvers.arclength import trace_around
-from .solvers.homotopy import Homotopy, Trace, family_of, regular_between, trace
+from .solvers.homotopy import Trace, family_of, regular_between, trace
 from .solvers.ipopt import Ipopt, IpoptPoint, IpoptSolver
 from .solvers.minimum import Minimum, minimize, minimize_in_steps
 from .solvers.newton import Newton, Solution, System, newton
+from .solvers.refinement import Refinement
 from .solvers.status import SolveStatus
 from .transcription.energy import EnergyProblem
 from .transcription.equilibrium_program import EquilibriumProblem
 from .transcription.nlp import Nlp
-from .transcription.schemes import Transcription
 from .transcription.shape import Shape
 from .transcription.shooting import Nodes, Shooting, cut
 
-Method: TypeAlias = Newton | Homotopy | Ipopt
-METHODS: dict[str, tuple[type[Newton] | type[Homotopy] | type[Ipopt], ...]] = {
-    "automatic": (Homotopy,),
-    "energy": (Ipopt,),
-    "equilibrium": (Homotopy, Newton, Ipopt),
-}
-METHOD_NAMES: dict[str, type[Newton] | type[Homotopy] | type[Ipopt]] = {
-    "homotopy": Homotopy,
-    "newton": Newton,
-    "ipopt": Ipopt,
-}
-_REFINEMENTS = 7  # times all steps may be halved to reach the tolerance
-_LOCAL_REFINEMENTS = 30  # times some may: loads with kinks are met by ever shorter steps there
-_PROGRESS = 0.9  # of the error: cutting steps and gaining less meets a limit that is not the discretization's
-_IDLE = 4  # times in succession that this may happen where some steps were cut, as a kink may lie badly once
-_MOST_STEPS = 3000  # no mesh has more
 _SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from
 _NEAR = 0.1  # of the way: where paths end sooner the loads are absurd, and ways around folds too long
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
-
-
-@attrs.frozen
-class Settings:
-    """What a :class:`~ctr_opt.ForwardProblem` was told."""
-
-    formulation: str
-    method: Method
-    tolerance: float
-    integrator: str
-    transcription: Transcription
-
-    @property
-    def residual_tolerance(self) -> float:
-        """Of the scaled boundary residual: far below what the position tolerance needs."""
-        return min(1e-9, max(1e-12, 1e-4 * self.tolerance))
 
 
 @attrs.frozen(eq=False)
@@ -156,7 +124,7 @@ class Run:
         ]
         if self.settings.formulation != "automatic":
             return together + apart
-        conservative = _conservative_part(self.configuration)
+        conservative = self.configuration.conservative_part()
         if conservative is self.configuration:
             return [*together, self._by_energy, *apart]
         return [*together, *apart, lambda: self._refined(self._rest_last(shooting, self._through_energy(conservative)))]
@@ -304,7 +272,7 @@ class Run:
         guess = self._by_homotopy()
         if guess is not None:
             return guess.shape
-        conservative = _conservative_part(self.configuration)
+        conservative = self.configuration.conservative_part()
         try:
             energy, minimum = self._minimum(conservative, conservative.mesh(), None, "energy")
         except _Failed:
@@ -341,7 +309,7 @@ class Run:
         problem = self._setup(
             lambda: EquilibriumProblem(self.configuration, mesh, settings.transcription, settings.integrator)
         )
-        solver = self._setup(lambda: _solver(problem.program.nlp, _ipopt(settings)))
+        solver = self._setup(lambda: _solver(problem.program.nlp, settings.ipopt))
         point = solver.solve(problem.straight() if shape is None else problem.like(shape), problem.parameters)
         self.iterations += point.iterations
         if not point.converged:
@@ -353,7 +321,7 @@ class Run:
         self, find: Callable[[Array, Shape | None], tuple[Nodes, Array, bool]], shape: Shape | None
     ) -> Equilibrium:
         """A solution in a discretization of its own, on finer and finer meshes until it meets the tolerance."""
-        mesh, refinement = self.configuration.mesh(), _Refinement(self.settings.tolerance)
+        mesh, refinement = self.configuration.mesh(), Refinement(self.settings.tolerance)
         while True:
             nodes, z, stable = find(mesh, shape)
             shooting = Shooting(self.configuration, mesh, self.settings.integrator)
@@ -398,7 +366,7 @@ class Run:
         follow: Callable[..., Trace] = trace,
     ) -> _Reached:
         self.path.append(name)
-        method = self.settings.method if isinstance(self.settings.method, Homotopy) else Homotopy()
+        method = self.settings.homotopy
         found = follow(at, z, self.tolerance, method)
         self.iterations += found.iterations
         if found.folds:
@@ -418,7 +386,7 @@ class Run:
         self.path.append(name)
         settings = self.settings
         energy = self._setup(lambda: EnergyProblem(configuration, mesh, settings.transcription, settings.integrator))
-        solver = self._setup(lambda: _solver(energy.program.nlp, _ipopt(settings)))
+        solver = self._setup(lambda: _solver(energy.program.nlp, settings.ipopt))
         guess = energy.straight() if shape is None else energy.like(shape)
         found = minimize(solver, energy, energy.program.free, guess)
         self.iterations += found.iterations
@@ -460,7 +428,7 @@ class Run:
 
     def _refined(self, reached: _Reached) -> Equilibrium:
         """Cut steps in two until the estimated error meets the tolerance."""
-        refinement = _Refinement(self.settings.tolerance)
+        refinement = Refinement(self.settings.tolerance)
         while True:
             nodes, _ = reached.shooting.sweep(reached.solution.z)
             estimate = estimate_error(reached.shooting, reached.solution, nodes, self.tolerance)
@@ -520,52 +488,6 @@ class Run:
         return built
 
 
-class _Refinement:
-    """Into how many parts to cut the steps next, until it is of no use."""
-
-    def __init__(self, tolerance: float) -> None:
-        self._tolerance = tolerance
-        self._best = np.inf
-        self._whole = self._local = self._idle = 0
-
-    def next(self, estimate: Estimate) -> NDArray[np.intp] | None:
-        """The parts of every step; None to give up."""
-        parts = estimate.parts(self._tolerance)
-        whole = bool(np.all(parts > 1))
-        self._whole += whole
-        self._local += not whole
-        self._idle = 0 if estimate.error <= _PROGRESS * self._best else self._idle + 1
-        self._best = min(self._best, estimate.error)
-        stuck = self._idle > (0 if whole else _IDLE)
-        idle = parts.sum() == len(parts) or parts.sum() > _MOST_STEPS
-        if stuck or idle or self._whole >= _REFINEMENTS or self._local >= _LOCAL_REFINEMENTS:
-            return None
-        return parts
-
-
-def _ipopt(settings: Settings) -> Ipopt:
-    return settings.method if isinstance(settings.method, Ipopt) else Ipopt()
-
-
 @lru_cache(maxsize=24)
 def _solver(nlp: Nlp, method: Ipopt) -> IpoptSolver:
     return IpoptSolver(nlp, method)
-
-
-def refuse_nonconservative(configuration: Configuration) -> None:
-    """The energy formulation takes loads that have a potential."""
-    for k, load in enumerate(configuration.loads):
-        if load.nonconservative:
-            raise DefinitionError(
-                f"loads[{k}] ({type(load).__name__}) {load.nonconservative}, which has no potential: "
-                "formulation = 'energy' takes conservative loads only; use formulation = 'automatic' or 'equilibrium'"
-            )
-
-
-def _conservative_part(configuration: Configuration) -> Configuration:
-    """The configuration with what of its loads has a potential; itself if that is all."""
-    if not any(load.nonconservative for load in configuration.loads):
-        return configuration
-    parts = [load.conservative_part() for load in configuration.loads]
-    loads = [part for part in parts if part is not None]
-    return Configuration(configuration.robot, configuration.actuation, loads)

@@ -339,6 +339,13 @@ class Configuration:
                 moved.append(attrs.evolve(scaled, end=None if scaled.end is None else min(scaled.end, end)))
         return moved
 
+    def conservative_part(self) -> Configuration:
+        """The configuration with what of its loads has a potential; itself if that is all."""
+        if not any(load.nonconservative for load in self.loads):
+            return self
+        parts = [load.conservative_part() for load in self.loads]
+        return Configuration(self.robot, self.actuation, [part for part in parts if part is not None])
+
     def jumps(self, points: Array, fields: Sequence[Field] = ()) -> LoadValues:
         """The point loads that act at ``points (k,)``, nodes of a mesh."""
         loads = LoadValues.none((len(points),), self.tube_count, len(fields))

@@ -1,0 +1,50 @@
+"""What a forward problem is told: formulations, the methods that belong to them, and everything else at once."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import attrs
+
+from .solvers.homotopy import Homotopy
+from .solvers.ipopt import Ipopt
+from .solvers.newton import Newton
+from .transcription.schemes import Transcription
+
+Method: TypeAlias = Newton | Homotopy | Ipopt
+METHODS: dict[str, tuple[type[Newton] | type[Homotopy] | type[Ipopt], ...]] = {
+    "automatic": (Homotopy,),
+    "energy": (Ipopt,),
+    "equilibrium": (Homotopy, Newton, Ipopt),
+}
+METHOD_NAMES: dict[str, type[Newton] | type[Homotopy] | type[Ipopt]] = {
+    "homotopy": Homotopy,
+    "newton": Newton,
+    "ipopt": Ipopt,
+}
+
+
+@attrs.frozen
+class Settings:
+    """What a :class:`~ctr_opt.ForwardProblem` was told."""
+
+    formulation: str
+    method: Method
+    tolerance: float
+    integrator: str
+    transcription: Transcription
+
+    @property
+    def residual_tolerance(self) -> float:
+        """Of the scaled boundary residual: far below what the position tolerance needs."""
+        return min(1e-9, max(1e-12, 1e-4 * self.tolerance))
+
+    @property
+    def ipopt(self) -> Ipopt:
+        """The method, where IPOPT is at work."""
+        return self.method if isinstance(self.method, Ipopt) else Ipopt()
+
+    @property
+    def homotopy(self) -> Homotopy:
+        """The method, where a homotopy is at work."""
+        return self.method if isinstance(self.method, Homotopy) else Homotopy()
