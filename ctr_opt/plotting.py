@@ -281,7 +281,8 @@ def _draw_row(
     s = np.linspace(*interval, count)
     breaks = np.clip(equilibrium.configuration.break_points, *interval)
     values, dense = _density(density, s), _density(density, np.union1d(np.linspace(*interval, 201), breaks))
-    varies, peak = bool(np.ptp(dense, axis=0).any()), np.linalg.norm(dense, axis=1).max()
+    sizes = np.linalg.norm(dense, axis=1)
+    varies, peak = bool(np.ptp(sizes) > _CLOSE * sizes.max()), sizes.max()
     labels = [""] * count
     where = int(np.argmax(np.linalg.norm(values, axis=1))) if varies else 0
     labels[where] = f"{'up to ' if varies else ''}{peak:.3g} {'N/m' if kind == 'force' else 'N m/m'}"

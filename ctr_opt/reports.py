@@ -85,7 +85,10 @@ def _energies(equilibrium: Equilibrium) -> list[str]:
     lines = [
         "",
         _row("elastic energy", f"{1e3 * equilibrium.energy:.6f} mJ"),
-        _row("work of the loads", f"{1e3 * equilibrium.load_work:.6f} mJ (forces, from the world's origin on)"),
+        _row(
+            "work of the loads",
+            f"{1e3 * equilibrium.load_work:.6f} mJ (those with a potential; forces from the world's origin on)",
+        ),
         _row("potential energy", f"{1e3 * equilibrium.potential_energy:.6f} mJ"),
     ]
     if any(load.nonconservative for load in equilibrium.loads):

@@ -37,6 +37,16 @@ def test_the_commands_of_the_experiments_name_files_that_exist():
     assert all(Path(file).exists() for file in files)
 
 
+def test_the_code_of_the_transcriptions_runs():
+    (code,) = blocks("docs/transcriptions.md", "python")
+    scope = {}
+    exec(code, scope)
+    pose = ctr.Actuation([1.0, 0.0], [-0.1547, -0.0307])
+    shapes = [scope[name].solve(pose) for name in ("by_default", "radau", "fifth")]
+    for shape in shapes[1:]:
+        assert abs(shape.tip_position - shapes[0].tip_position).max() < 2e-7 * shape.length
+
+
 def test_the_readme_has_exactly_two_commands():
     run, test = blocks("README.md", "sh")
     assert run.strip().endswith("ctr-opt solve problems/rjw_s1/fig9_loaded.toml")
