@@ -171,7 +171,8 @@ def check(file: Path, strict: bool) -> None:
     from .files import check_file
     from .plans import check_plan, is_plan
 
-    click.echo(check_plan(file) if is_plan(file) else check_file(file, on_overlap="error" if strict else "warn"))
+    check_one = check_plan if is_plan(file) else check_file
+    click.echo(check_one(file, on_overlap="error" if strict else "warn"))
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -134,8 +134,15 @@ def save_robot(robot: Robot, path: str | os.PathLike[str]) -> None:
     write_atomically(Path(path), lambda file: file.write_bytes(tomli_w.dumps(data).encode()))
 
 
-def load_problem(path: str | os.PathLike[str]) -> Problem:
+def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Problem:
     """Read a problem file: a robot file's name, actuation, loads, source and expected answer.
+
+    Parameters
+    ----------
+    path
+        A TOML file; see ``docs/files.md``.
+    on_overlap
+        As in :func:`load_robot`.
 
     Raises
     ------
@@ -150,8 +157,11 @@ def load_problem(path: str | os.PathLike[str]) -> Problem:
     from .schemas import ProblemSchema, load_checked
 
     file = Path(path)
-    data = _at(file, "", lambda: load_checked(ProblemSchema, _read_toml(file)))
-    robot = load_robot(file.parent / data["robot"])
+    table = _read_toml(file)
+    if "cases" in table:
+        raise DefinitionError(f"{file} is a plan of many cases: read it with load_plan")
+    data = _at(file, "", lambda: load_checked(ProblemSchema, table))
+    robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
     actuation = _at(file, "actuation", lambda: Actuation(**data["actuation"]))
     loads = tuple(_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", [])))
     solver = data.get("solver", {})
@@ -184,7 +194,7 @@ def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str
     file = Path(path)
     if "title" not in _read_toml(file):
         return robot_report(load_robot(file, on_overlap=on_overlap))
-    problem = load_problem(file)
+    problem = load_problem(file, on_overlap=on_overlap)
     loads = f"{len(problem.loads)} load{'' if len(problem.loads) == 1 else 's'}"
     length = ForwardProblem(problem.robot).check(problem.actuation, problem.loads).length
     return f"{robot_report(problem.robot)}\n{problem.title}: length {1e3 * length:.3f} mm, {loads}"

@@ -47,7 +47,7 @@ class Plan:
     expected: dict[str, Any] = attrs.field(factory=dict)
 
 
-def load_plan(path: str | os.PathLike[str]) -> Plan:
+def load_plan(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Plan:
     """Read a plan of experiments: a robot file's name, and a table with a line for each experiment.
 
     Parameters
@@ -56,6 +56,8 @@ def load_plan(path: str | os.PathLike[str]) -> Plan:
         A TOML file with ``cases``, the name of a CSV file beside it. Its first line names the columns: ``rotation_i``
         (rad) and ``translation_i`` (m) of each tube, ``force_x``, ``force_y``, ``force_z`` (N, world frame, at the
         innermost tube's tip; zeros: unloaded) and, with ``[expected]``, ``tip_x``, ``tip_y``, ``tip_z`` (m).
+    on_overlap
+        As in :func:`load_robot`.
 
     Raises
     ------
@@ -74,7 +76,7 @@ def load_plan(path: str | os.PathLike[str]) -> Plan:
 
     file = Path(path)
     data = at(file, "", lambda: load_checked(PlanSchema, read_toml(file)))
-    robot = load_robot(file.parent / data["robot"])
+    robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
     forward = at(file, "solver", lambda: ForwardProblem(robot, **data.get("solver", {})))
     source, expected = data["source"], data.get("expected", {})
     if expected:
@@ -117,9 +119,9 @@ def _case(frame: Problem, forward: ForwardProblem, case: int, values: dict[str, 
     return problem
 
 
-def check_plan(path: str | os.PathLike[str]) -> str:
+def check_plan(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str:
     """Read a plan and say in a few lines what it holds."""
-    plan = load_plan(path)
+    plan = load_plan(path, on_overlap=on_overlap)
     ends = [t.length for t in plan.robot.tubes]
     lengths = [1e3 * float((ends + problem.actuation.translations).max()) for problem in plan.problems]
     loaded = sum(1 for problem in plan.problems if problem.loads)

@@ -187,3 +187,20 @@ def test_columns_may_stand_in_any_order(tmp_path):
         assert found.actuation == expected.actuation
         assert found.loads == expected.loads
         assert found.expected == expected.expected
+
+
+def test_a_plan_is_no_problem():
+    with pytest.raises(ctr.DefinitionError, match=r"plan\.toml is a plan of many cases: read it with load_plan"):
+        ctr.load_problem("problems/rjw_s1/plan.toml")
+
+
+@pytest.mark.parametrize("kind", ["problem", "plan"])
+def test_strict_checks_reach_the_robot_of_a_problem_and_a_plan(kind, tmp_path):
+    for name in ("robot.toml", "plan.toml", "plan.csv", "fig9_loaded.toml"):
+        (tmp_path / name).write_bytes(Path("problems/rjw_s1", name).read_bytes())
+    robot = tmp_path / "robot.toml"
+    robot.write_text(robot.read_text().replace('outer_diameter = "1.75 mm"', 'outer_diameter = "2.1 mm"'))
+    file = str(tmp_path / ("plan.toml" if kind == "plan" else "fig9_loaded.toml"))
+    done = CliRunner().invoke(cli, ["check", "--strict", file])
+    assert done.exit_code == 2
+    assert "does not fit into" in done.output
