@@ -80,11 +80,11 @@ class Imperfect:
     """A path of systems with small moments at the tip that fade along it: what is perfect no longer bifurcates."""
 
     path: Callable[[float], System]
-    like: Array
+    unknowns: int
 
     def at(self, parameter: float) -> System:
         """The system with what is left of the imperfection."""
-        offset = _IMPERFECTION * np.cos(1.0 + 2.0 * np.arange(len(self.like)))
+        offset = _IMPERFECTION * np.cos(1.0 + 2.0 * np.arange(self.unknowns))
         return _Shifted(self.path(parameter), (1.0 - parameter) * offset)
 
 

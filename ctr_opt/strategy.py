@@ -172,7 +172,7 @@ class Run:
 
     def _around_bifurcations(self, shooting: Shooting) -> _Reached:
         zero = np.zeros(shooting.unknowns)
-        at = Imperfect(lambda x: shooting.scaled(x, x, x), zero).at
+        at = Imperfect(lambda x: shooting.scaled(x, x, x), shooting.unknowns).at
         return self._trace(shooting, at, zero, "homotopy around folds of an imperfect robot", trace_around)
 
     def _by_energy(self) -> Equilibrium:
@@ -291,8 +291,11 @@ class Run:
             if failure.status is SolveStatus.FOLD:
                 raise
             return self._shape_of(initial)
-        nodes, _ = reached.shooting.sweep(reached.solution.z)
-        return Shape(self.configuration, reached.shooting.mesh, nodes, self.settings.integrator)
+        return self._swept(reached.shooting, reached.solution.z)
+
+    def _swept(self, shooting: Shooting, z: Array) -> Shape:
+        nodes, _ = shooting.sweep(z)
+        return Shape(shooting.configuration, shooting.mesh, nodes, self.settings.integrator)
 
     def _by_homotopy(self) -> Equilibrium | None:
         """What homotopy finds, or nothing; ``path`` tells."""
@@ -340,10 +343,10 @@ class Run:
             return initial.shape
         shooting = self._shooting(initial.configuration)
         z = initial.last_iterate.unknowns(initial.configuration.scales, initial.configuration.kind.live)
-        nodes, _ = shooting.sweep(z)
-        if not np.all(np.isfinite(nodes.left)):
+        shape = self._swept(shooting, z)
+        if not np.all(np.isfinite(shape.nodes.left)):
             raise _Failed(SolveStatus.STALLED, "the guess stands for no finite shape", z)
-        return Shape(initial.configuration, shooting.mesh, nodes, self.settings.integrator)
+        return shape
 
     # -- steps -----------------------------------------------------------------------------------------------------
 

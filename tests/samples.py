@@ -172,7 +172,7 @@ def _kinds(rng, most):
 
 def _forces(rng, robot, ends):
     unit, _ = _units(robot, ends)
-    loads = [_force(rng, ends, unit, kind) for kind in _kinds(rng, 4)]
+    loads = [_load(rng, ends, unit, kind, "force") for kind in _kinds(rng, 4)]
     if rng.random() < 0.4:
         tube = int(rng.integers(len(ends)))
         down = rng.normal(size=3)
@@ -182,27 +182,19 @@ def _forces(rng, robot, ends):
     return loads
 
 
-def _force(rng, ends, unit, kind):
+def _load(rng, ends, unit, kind, of):
+    """A point load (kind 0) or a distributed one, of a ``force`` or a ``moment``."""
     tube = int(rng.integers(len(ends)))
     if kind == 0:
         where = None if rng.random() < 0.5 else rng.uniform(0.0, ends[tube])
-        return ctr.PointWrench(force=unit * rng.normal(size=3), arc_length=where, tube=tube)
+        return ctr.PointWrench(**{of: unit * rng.normal(size=3)}, arc_length=where, tube=tube)
     start, end, density = _density(rng, ends, unit, tube, kind)
-    return ctr.DistributedLoad(force=density, start=start, end=end, tube=tube)
+    return ctr.DistributedLoad(**{of: density}, start=start, end=end, tube=tube)
 
 
 def _moments(rng, robot, ends):
     _, unit = _units(robot, ends)
-    return [_moment(rng, ends, unit, kind) for kind in _kinds(rng, 3)]
-
-
-def _moment(rng, ends, unit, kind):
-    tube = int(rng.integers(len(ends)))
-    if kind == 0:
-        where = None if rng.random() < 0.5 else rng.uniform(0.0, ends[tube])
-        return ctr.PointWrench(moment=unit * rng.normal(size=3), arc_length=where, tube=tube)
-    start, end, density = _density(rng, ends, unit, tube, kind)
-    return ctr.DistributedLoad(moment=density, start=start, end=end, tube=tube)
+    return [_load(rng, ends, unit, kind, "moment") for kind in _kinds(rng, 3)]
 
 
 def _density(rng, ends, unit, tube, kind):

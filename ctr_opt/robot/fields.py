@@ -11,6 +11,7 @@ import casadi as ca
 from ..errors import DefinitionError
 from . import places
 from .checks import number
+from .conservative import Conservative
 
 _ARGUMENTS = {"potential": ("p",), "function": ("s", "p", "R")}
 _SHAPES = {"s": (1, 1), "p": (3, 1), "R": (3, 3)}
@@ -112,7 +113,7 @@ class _Field:
 
 
 @attrs.frozen
-class PotentialLoad(_Field):
+class PotentialLoad(_Field, Conservative):
     """A force ``-dV/dp`` that depends on the position alone: an elastic wall, a spring to a point.
 
     Parameters
@@ -146,15 +147,6 @@ class PotentialLoad(_Field):
     """
 
     potential: ca.Function = attrs.field(converter=_potential, eq=_CONTENT_EQ, hash=False)
-
-    @property
-    def nonconservative(self) -> str:
-        """Why it has no potential: it has one."""
-        return ""
-
-    def conservative_part(self) -> PotentialLoad:
-        """The load itself."""
-        return self
 
 
 @attrs.frozen

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any
 
 import attrs
 
 from . import places
 from .checks import ARRAY_EQ, Array, array, number
+from .conservative import Conservative
 
 
 def _acceleration(value: Any) -> Array:
@@ -23,21 +24,7 @@ def _mass_per_length(value: Any) -> float:
 
 
 @attrs.frozen
-class _Weight:
-    """What applies forces only."""
-
-    @property
-    def nonconservative(self) -> str:
-        """Why it has no potential: it has one."""
-        return ""
-
-    def conservative_part(self) -> Self:
-        """The load itself."""
-        return self
-
-
-@attrs.frozen
-class Gravity(_Weight):
+class Gravity(Conservative):
     """Gravity: acts on every tube by its density, and on all masses.
 
     Parameters
@@ -59,7 +46,7 @@ class Gravity(_Weight):
 
 
 @attrs.frozen
-class PointMass(_Weight):
+class PointMass(Conservative):
     """A mass fixed at a point of a tube; acts only under a :class:`Gravity`.
 
     Parameters
@@ -87,7 +74,7 @@ class PointMass(_Weight):
 
 
 @attrs.frozen
-class DistributedMass(_Weight):
+class DistributedMass(Conservative):
     """A mass per arc length on a tube; acts only under a :class:`Gravity`.
 
     Parameters

@@ -8,10 +8,9 @@ import attrs
 import numpy as np
 
 from ..robot.checks import Array
-from .homotopy import Homotopy, Trace, regular_between
-from .newton import Newton, Solution, System, newton
+from .homotopy import CORRECTOR, Homotopy, Trace, regular_between
+from .newton import Solution, System, newton
 
-_CORRECTOR = Newton(max_iterations=7, contraction=0.5, shortest_step=1.0)
 _DIFFERENCE = 1e-6  # of the parameter, for the derivative by it: good enough for directions
 _STRAIGHT = 0.9  # cosine of the angle by which the curve may turn in a step
 _LONGEST = 1.0  # step, in the norm of the dimensionless unknowns and the parameter
@@ -50,7 +49,7 @@ def trace_around(at: Callable[[float], System], z: Array, tolerance: float, meth
     while steps < method.max_steps and step >= method.smallest_step:
         steps += 1
         plane = _Plane(at, y + step * tangent, tangent)
-        found = newton(plane, plane.origin, max(tolerance, 1e-8), _CORRECTOR)
+        found = newton(plane, plane.origin, max(tolerance, 1e-8), CORRECTOR)
         iterations += found.iterations
         turned = _followed(plane, y, matrix, found)
         if turned is None:
@@ -95,7 +94,7 @@ def _landing(plane: _Plane, before: Array, found: Solution, tolerance: float) ->
     """The solution where the curve passes the parameter 1, between ``before`` and ``found``."""
     part = (1.0 - before[-1]) / (found.z[-1] - before[-1])
     chord = before + part * (found.z - before)
-    end = newton(plane.at(1.0), chord[:-1], tolerance, _CORRECTOR)
+    end = newton(plane.at(1.0), chord[:-1], tolerance, CORRECTOR)
     moved, step = np.linalg.norm(end.z - chord[:-1]), np.linalg.norm(found.z - before)
     _, there = plane.linearize(np.append(end.z, 1.0))
     near = bool(moved <= 0.5 * step) and regular_between(found.jacobian, there)

@@ -61,7 +61,9 @@ class Trace:
         return self.reached == 1.0
 
 
-_CORRECTOR = Newton(max_iterations=7, contraction=0.5, shortest_step=1.0)
+CORRECTOR = Newton(max_iterations=7, contraction=0.5, shortest_step=1.0)
+"""Newton's method from a predicted point: it contracts fast, or the step was too long."""
+
 NEUTRAL = 1e-6
 """Singular values of the Jacobian at an equilibrium below belong to a family of equilibria."""
 
@@ -89,7 +91,7 @@ def trace(
         guess = here.z
         if before is not None:
             guess = here.z + (target - reached) / (reached - before[0]) * (here.z - before[1])
-        found = newton(at(target), guess, max(tolerance, 1e-8) if target < 1.0 else tolerance, _CORRECTOR)
+        found = newton(at(target), guess, max(tolerance, 1e-8) if target < 1.0 else tolerance, CORRECTOR)
         steps += 1
         iterations += found.iterations
         if not found.converged or not _regular_step(at, here, found, 0.5 * (reached + target), family):

@@ -21,13 +21,12 @@ from ..mechanics.sections import Configuration
 from ..mechanics.so3 import quaternion_rate
 from ..mechanics.state import State, state_names
 from ..robot.checks import Array
-from . import guess
 from .columns import EntryColumn, StepColumns
 from .guess import Guess
 from .integrators import runge_kutta
 from .nlp import Nlp, NlpBuilder, padded
+from .problem import TranscribedProblem
 from .schemes import Collocation, Transcription, interpolation, tableau
-from .shape import Shape
 from .sharing import shared_by_kind
 from .shooting import Nodes
 
@@ -137,22 +136,19 @@ energy_program = shared_by_kind(EnergyProgram, most=32)
 """The program for ``(tubes, transcription, integrator, kind, steps)``, shared by all problems of its size."""
 
 
-class EnergyProblem:
+class EnergyProblem(TranscribedProblem):
     """The energy of a configuration on a mesh, ready for numbers; dimensionless."""
+
+    program: EnergyProgram
 
     def __init__(
         self, configuration: Configuration, mesh: Array, transcription: Transcription, integrator: str = "RK8"
     ) -> None:
-        self.configuration = configuration
-        self.mesh = mesh
         if isinstance(transcription, Collocation):
             integrator = "RK8"  # not used
         tubes, steps = configuration.tube_count, padded(len(mesh))
-        self.program = energy_program(tubes, transcription, integrator, configuration.kind, steps)
-        layout = self.program.columns
-        self._columns = layout.pad(layout.pack(configuration, mesh, self.program.data_nodes), steps)
-        total = layout.total_force(self._columns, self.program.data_weights)
-        self._entry = self.program.entry.pack(configuration, total)
+        program = energy_program(tubes, transcription, integrator, configuration.kind, steps)
+        super().__init__(configuration, mesh, program)
 
     def under(self, factor: float) -> EnergyProblem:
         """The same problem with all loads multiplied."""
@@ -161,32 +157,16 @@ class EnergyProblem:
         other._entry = self._entry * self.program.entry.factors(factor, factor, 1.0)
         return other
 
-    @property
-    def parameters(self) -> Array:
-        """The program's parameters."""
-        return np.concatenate((self._columns.ravel(order="F"), self._entry))
-
-    def straight(self) -> Array:
-        """The guess that needs no thought."""
-        points, steps = self.program.points.nodes, self.program.steps
-        return self._variables(guess.straight(self.configuration, self.mesh, points, steps))
-
-    def like(self, shape: Shape) -> Array:
-        """The guess that another shape gives."""
-        points, steps = self.program.points.nodes, self.program.steps
-        return self._variables(guess.like(self.configuration, self.mesh, points, steps, shape))
-
-    def _variables(self, start: Guess) -> Array:
-        states, variables = self.program.states, self.program.nlp.variables
+    def _blocks(self, start: Guess) -> dict[str, Array]:
+        states = self.program.states
         torque = start.nodes[State.parts(self.configuration.tube_count)["torsion"], 0]
         compliance = self._entry[self.program.entry.parts["compliance"]]
-        blocks = {
+        return {
             "transmission": np.sqrt(compliance) * torque,
             "state": start.nodes[:states],
             "inner state": start.inner[:states],
             "curvature": start.curvatures,
         }
-        return np.concatenate([blocks[name].ravel(order="F") for name in variables])
 
     def metric(self) -> Array:
         """The elastic energy's weights of the free variables, at fixed preset curvature."""

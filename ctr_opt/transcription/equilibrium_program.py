@@ -9,19 +9,17 @@ from __future__ import annotations
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from ..mechanics import boundary, rod
 from ..mechanics.loading import LoadKind
 from ..mechanics.sections import Configuration
 from ..mechanics.state import State, state_names
 from ..robot.checks import Array
-from . import guess
 from .columns import StepColumns
 from .guess import Guess
 from .nlp import Nlp, NlpBuilder, padded
+from .problem import TranscribedProblem
 from .schemes import Collocation, Tableau, Transcription, tableau
-from .shape import Shape
 from .sharing import shared_by_kind
 from .shooting import Nodes, shooting_functions
 
@@ -84,44 +82,23 @@ equilibrium_program = shared_by_kind(EquilibriumProgram, most=32)
 """The system for ``(tubes, transcription, integrator, kind, steps)``, shared by all problems of its size."""
 
 
-class EquilibriumProblem:
+class EquilibriumProblem(TranscribedProblem):
     """The boundary-value problem of a configuration on a mesh, ready for numbers; dimensionless."""
+
+    program: EquilibriumProgram
 
     def __init__(
         self, configuration: Configuration, mesh: Array, transcription: Transcription, integrator: str = "RK8"
     ) -> None:
-        self.configuration = configuration
-        self.mesh = mesh
         tubes, steps = configuration.tube_count, padded(len(mesh))
-        self.program = equilibrium_program(tubes, transcription, integrator, configuration.kind, steps)
-        layout = self.program.columns
-        self._columns = layout.pad(layout.pack(configuration, mesh, self.program.data_nodes), steps)
-        total = layout.total_force(self._columns, self.program.data_weights)
-        self._entry = self.program.entry.pack(configuration, total)
+        program = equilibrium_program(tubes, transcription, integrator, configuration.kind, steps)
+        super().__init__(configuration, mesh, program)
 
-    @property
-    def parameters(self) -> Array:
-        """The program's parameters."""
-        return np.concatenate((self._columns.ravel(order="F"), self._entry))
-
-    def straight(self) -> Array:
-        """The guess that needs no thought."""
-        return self._variables(guess.straight(self.configuration, self.mesh, self._points, self.program.steps))
-
-    def like(self, shape: Shape) -> Array:
-        """The guess that another shape gives."""
-        return self._variables(guess.like(self.configuration, self.mesh, self._points, self.program.steps, shape))
-
-    @property
-    def _points(self) -> Array:
-        return np.zeros(0) if self.program.points is None else self.program.points.nodes
-
-    def _variables(self, start: Guess) -> Array:
+    def _blocks(self, start: Guess) -> dict[str, Array]:
         z = start.nodes[self.program.shooting.tip_rows, 0]
         if self.configuration.kind.live:
             z[-3:] -= self._entry[self.program.entry.parts["force"]]
-        blocks = {"entry unknowns": z, "state": start.nodes, "inner state": start.inner}
-        return np.concatenate([blocks[name].ravel(order="F") for name in self.program.nlp.variables])
+        return {"entry unknowns": z, "state": start.nodes, "inner state": start.inner}
 
     def recover(self, x: Array) -> tuple[Nodes, Array]:
         """The states at the mesh's nodes out of a solution, and the unknowns ``z`` at the entry point."""
