@@ -194,11 +194,11 @@ class Equilibrium:
 
     @property
     def determinant(self) -> float:
-        """Determinant of :attr:`jacobian`; changes sign at a fold."""
-        return float(np.linalg.det(self.jacobian)) if self.jacobian is not None else float("nan")
+        """Determinant of :attr:`shooting_jacobian`; changes sign at a fold."""
+        return float(np.linalg.det(self.shooting_jacobian)) if self.shooting_jacobian is not None else float("nan")
 
     @property
-    def jacobian(self) -> Array | None:
+    def shooting_jacobian(self) -> Array | None:
         """``d(m_xy, tau)(length) / d(m_xy, tau)(0)`` at the solution, dimensionless; None if there is none.
 
         Under loads that depend on the shape, ``d(m_xy, tau, n)(length) / d(m_xy, tau, n)(0)``.

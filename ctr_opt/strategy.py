@@ -203,7 +203,7 @@ class Run:
         """From another equilibrium: by Newton's method and, failing that, along the route from its configuration."""
         scales, live = self.configuration.scales, self.configuration.kind.live
         try:
-            jacobian = initial.jacobian
+            jacobian = initial.shooting_jacobian
             family = 0.0 if jacobian is None else family_of(jacobian)
             z = initial.last_iterate.unknowns(scales, live)
             reached = self._newton(shooting, z, ALONG_FAMILY if family else NEARBY, "newton from initial")
