@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from .compiled import CompiledEquilibrium, CompiledProblem
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .errors import DefinitionError, SolveError
+from .libraries import library
 from .mechanics.sections import Configuration
 from .robot.actuation import Actuation
-from .robot.checks import array, choice, number
+from .robot.checks import array, choice, flag, number
 from .robot.loads import LOADS, Load
 from .robot.robot import Robot
 from .settings import METHOD_NAMES, METHODS, Method, Settings
@@ -44,6 +46,10 @@ class ForwardProblem:
         Runge-Kutta method of single and multiple shooting: ``"RK8"``, ``"RK5"``, ``"RK4"``.
     transcription
         What IPOPT solves: ``Collocation(degree, scheme)`` (default) or ``MultipleShooting()``, in either formulation.
+    compiled
+        Whether to use compiled code for homotopy with ``"RK8"`` under loads that are constant or fixed to a tube:
+        ``None``: as soon as it is there (see :meth:`compile`), ``True``: compiled now, ``False``: never. The answers
+        are the same to the tolerance.
 
     Notes
     -----
@@ -68,6 +74,7 @@ class ForwardProblem:
         tolerance: float = 1e-7,
         integrator: str = "RK8",
         transcription: Transcription | None = None,
+        compiled: bool | None = None,
     ) -> None:
         if not isinstance(robot, Robot):
             raise DefinitionError(f"robot = {robot!r} must be a Robot")
@@ -82,6 +89,41 @@ class ForwardProblem:
             choice(integrator, "integrator", INTEGRATORS),
             transcription or Collocation(),
         )
+        self.compiled = compiled if compiled is None else flag(compiled, "compiled")
+        self._compiled: dict[bool, CompiledProblem] = {}
+        if compiled:
+            self.compile()
+
+    def compile(self) -> None:
+        """Compile the solver for robots with as many tubes, unless it was before; seconds the first time on a machine.
+
+        Later solves of this problem by homotopy, or from an ``initial`` one, use it. Without a call a process starts
+        this by itself in the background when it solves again and again; meanwhile, and where there is no compiler,
+        everything works in CasADi's virtual machine.
+
+        Raises
+        ------
+        CompilationError
+            There is no compiler, or it failed.
+        """
+        library(len(self.robot.tubes), False).built()
+
+    def _by_compiled_code(
+        self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium | None
+    ) -> CompiledEquilibrium | None:
+        """The answer of the compiled solver; None where there is none yet, or the slower way must be taken."""
+        if self.compiled is False or not self.settings.compilable or type(actuation) is not Actuation:
+            return None
+        if len(actuation.rotations) != len(self.robot.tubes):
+            return None
+        body = any(getattr(load, "frame", "world") == "body" for load in loads)
+        problem = self._compiled.get(body)
+        if problem is None:
+            native = library(len(self.robot.tubes), body).ready()
+            if native is None:
+                return None
+            problem = self._compiled[body] = CompiledProblem(self.robot, self.settings, native)
+        return problem.solve(actuation, loads, initial)
 
     def solve(
         self,
@@ -111,9 +153,13 @@ class ForwardProblem:
         SolveError
             No equilibrium was found: what was tried, how far it got, what to do; ``.result`` is the failed result.
         """
-        configuration = self.check(actuation, loads)
+        loads = _as_loads(loads)
         if initial is not None:
-            _check_initial(initial, configuration)
+            _check_initial(initial, self.robot)
+        found = self._by_compiled_code(actuation, loads, initial)
+        if found is not None:
+            return found
+        configuration = self.check(actuation, loads)
         result = Run(self.settings, configuration).solve(initial)
         if throw and not result.converged:
             raise SolveError(result.message, result)
@@ -200,9 +246,9 @@ def _as_loads(loads: Any) -> tuple[Load, ...]:
         raise DefinitionError(f"loads = {loads!r} must be a list of loads") from None
 
 
-def _check_initial(initial: Any, configuration: Configuration) -> None:
+def _check_initial(initial: Any, robot: Robot) -> None:
     if not isinstance(initial, Equilibrium):
         raise DefinitionError(f"initial = {initial!r} must be an Equilibrium")
     tubes = len(initial.robot.tubes)
-    if tubes != configuration.tube_count:
-        raise DefinitionError(f"initial is of a robot with {tubes} tubes, but this one has {configuration.tube_count}")
+    if tubes != len(robot.tubes):
+        raise DefinitionError(f"initial is of a robot with {tubes} tubes, but this one has {len(robot.tubes)}")

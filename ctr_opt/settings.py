@@ -48,3 +48,8 @@ class Settings:
     def homotopy(self) -> Homotopy:
         """The method, where a homotopy is at work."""
         return self.method if isinstance(self.method, Homotopy) else Homotopy()
+
+    @property
+    def compilable(self) -> bool:
+        """Whether the compiled solver does what these settings say."""
+        return self.formulation != "energy" and self.integrator == "RK8" and self.method == Homotopy()

@@ -39,7 +39,12 @@ def jump(state: State[SymT], force: SymT, moment: SymT) -> State[SymT]:
 
     ``n(s-) = n(s+) + F``, ``m(s-) = m(s+) + l``, ``tau_i(s-) = tau_i(s+) + (R^T l_i)_z`` (paper, II-G).
     """
-    couples = rotation_matrix(state.orientation).T @ moment
+    return jump_at(state, force, moment, rotation_matrix(state.orientation))
+
+
+def jump_at(state: State[SymT], force: SymT, moment: SymT, frame: SymT) -> State[SymT]:
+    """The same by way of the backbone frame ``R (3, 3)``, for derivatives by parts."""
+    couples = frame.T @ moment
     return attrs.evolve(
         state,
         bending=state.bending - ca.sum2(couples[:2, :]),

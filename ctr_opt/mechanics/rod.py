@@ -12,7 +12,7 @@ import attrs
 import casadi as ca
 
 from . import constitutive
-from .so3 import quaternion_rate, rotation_matrix, turn
+from .so3 import quaternion_rate, rotation_matrix, turn, turn_back
 from .state import State
 from .symbols import SymT
 
@@ -48,7 +48,7 @@ def curvature(state: State[SymT], local: Local[SymT]) -> tuple[SymT, SymT]:
 
 def strain(psi: SymT, bent: SymT, twisted: SymT, preset: SymT) -> SymT:
     """``u_i - u*_i`` of a tube turned by ``psi`` against the backbone frame (11)."""
-    x, y = turn(-psi, bent[0], bent[1])
+    x, y = turn_back(psi, bent[0], bent[1])
     return ca.vertcat(x, y, twisted) - preset
 
 
@@ -60,16 +60,22 @@ def kinematic_rates(orientation: SymT, bent: SymT) -> tuple[SymT, SymT]:
 
 def rates(state: State[SymT], local: Local[SymT]) -> State[SymT]:
     """Derivative of the state along the arc length."""
-    bent, twisted = curvature(state, local)
-    position, orientation = kinematic_rates(state.orientation, bent)
-    to_body = rotation_matrix(state.orientation).T
+    bent, _ = curvature(state, local)
+    return rates_at(state, local, rotation_matrix(state.orientation), bent)
+
+
+def rates_at(state: State[SymT], local: Local[SymT], frame: SymT, bent: SymT) -> State[SymT]:
+    """The same by way of the backbone frame ``R (3, 3)`` and its curvature ``u_xy (2,)``, for derivatives by parts."""
+    twisted = constitutive.twist_rate(state.torsion, local.torsional_stiffness, local.precurvature[2, :].T)
+    position, orientation = frame[:, 2], quaternion_rate(state.orientation, ca.vertcat(bent, 0))
+    to_body = frame.T
     force = to_body @ state.force
     couples = to_body @ local.moment
     axial = ca.sum1(state.torsion)
     bending = ca.vertcat(-bent[1] * axial + force[1], bent[0] * axial - force[0]) - ca.sum2(couples[:2, :])
     torsion = []
     for i, moment in enumerate(tube_moments(state.angles, bent, twisted, local)):
-        own_x, own_y = turn(-state.angles[i], bent[0], bent[1])
+        own_x, own_y = turn_back(state.angles[i], bent[0], bent[1])
         torsion.append(-(own_x * moment[1] - own_y * moment[0]) - couples[2, i])
     return State(position, orientation, twisted, bending, ca.vertcat(*torsion), -local.force)
 

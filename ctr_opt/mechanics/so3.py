@@ -38,3 +38,9 @@ def turn(psi: SymT, x: SymT, y: SymT) -> tuple[SymT, SymT]:
     """``Rz(psi) (x, y)``."""
     c, s = ca.cos(psi), ca.sin(psi)
     return c * x - s * y, s * x + c * y
+
+
+def turn_back(psi: SymT, x: SymT, y: SymT) -> tuple[SymT, SymT]:
+    """``Rz(-psi) (x, y)``, by the same sine and cosine as :func:`turn`."""
+    c, s = ca.cos(psi), ca.sin(psi)
+    return c * x + s * y, c * y - s * x

@@ -73,6 +73,13 @@ def choice(value: Any, field: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
+def flag(value: Any, field: str) -> bool:
+    """``value`` if it is True or False."""
+    if not isinstance(value, bool):
+        raise DefinitionError(f"{field} = {value!r} must be True or False")
+    return value
+
+
 def index(value: Any, field: str, size: int | None = None) -> int:
     """``value`` as an index ``0 <= value < size``."""
     try:

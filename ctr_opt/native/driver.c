@@ -1,0 +1,200 @@
+/* What Python calls. Every function returns 0 or why it gave up; then the slower way is taken, which tells the user more. */
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+enum { /* a result: numbers, then blocks */
+  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_STIFFNESS, R_REFINEMENTS, R_TIED, R_NEEDED, R_UNSTABLE, R_MARGIN,
+  HEADER = 16,
+  START = NZ + NZ * NZ + 2, /* the block that a solve may start from: unknowns, Jacobian, units of moment and force */
+};
+
+static const int MOST_REFINEMENTS = 3;
+
+/* For Python to check that it reads what is written here. */
+EXPORT int sizes(int *out) {
+  const int values[] = {NX, NZ, HEADER, POINT_ROW, SPAN_ROW};
+  memcpy(out, values, sizeof values);
+  return sizeof values / sizeof *values;
+}
+
+/* A solve on ever finer meshes, from z near the solution on the first, until the estimated error meets the tolerance. */
+static int refine(Layout *layout, double *z, double tolerance, double residual_tolerance, double *result, long capacity,
+                  int iterations) {
+  Layout now = *layout, next;
+  for (int refinements = 0; refinements <= MOST_REFINEMENTS; refinements++) {
+    Case c, halves;
+    int failed = halve(&now, &next);
+    if (!failed) failed = pack(&now, &RK8, &c);
+    if (!failed) failed = pack(&next, &RK8, &halves);
+    if (failed) return failed;
+    const long n = now.steps, needed = HEADER + START + 2 * n + NX * (2 * n + 1);
+    result[R_NEEDED] = needed;
+    if (needed > capacity) return TOO_SMALL;
+    double *out = result + HEADER;
+    double *mesh = out + START;
+    Found found = {.iterations = iterations, .right = mesh + 2 * n, .left = mesh + 2 * n + NX * (n + 1)};
+    memcpy(found.z, z, sizeof found.z);
+    failed = finish(&c, &halves, residual_tolerance, &found);
+    if (failed) return failed;
+    memcpy(z, found.z, sizeof found.z);
+    iterations = found.iterations;
+    if (found.error > tolerance) {
+      now = next;
+      continue;
+    }
+    const double header[] = {iterations, found.residual, found.error, n, now.length, now.stiffness, refinements, now.tied};
+    memcpy(result, header, sizeof header);
+    memcpy(out, found.z, sizeof found.z);
+    memcpy(out + NZ, found.jacobian, sizeof found.jacobian);
+    out[START - 2] = moment_scale(&now);
+    out[START - 1] = force_scale(&now);
+    for (long k = 0; k < n; k++) {
+      mesh[2 * k] = now.step[k].start;
+      mesh[2 * k + 1] = now.step[k].end;
+    }
+    return 0;
+  }
+  return INACCURATE;
+}
+
+/* From an equilibrium nearby: the block `start` of its result. */
+EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation, const double *start, double tolerance,
+                double residual_tolerance, double *result, long capacity) {
+  empty();
+  Layout layout;
+  Case c;
+  int failed = lay_out(robot, loads, actuation, &layout);
+  if (!failed) failed = pack(&layout, &RK8, &c);
+  if (failed) return failed;
+  double z[NZ], unit[NZ], before[NZ * NZ], inverse_[NZ * NZ];
+  const double *old = start + NZ;
+  const double moment = start[START - 2] / moment_scale(&layout), force = start[START - 1] / force_scale(&layout);
+  for (int i = 0; i < NZ; i++) unit[i] = i < 2 + TUBES ? moment : force;
+  for (int i = 0; i < NZ; i++) {
+    z[i] = start[i] * unit[i];
+    for (int j = 0; j < NZ; j++) before[i * NZ + j] = old[i * NZ + j] * unit[i] / unit[j];
+  }
+  if (inverse(NZ, before, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
+  int sweeps = 0;
+  failed = approach(&c, z, inverse_, 1e-6, &sweeps);
+  if (!failed) failed = refine(&layout, z, tolerance, residual_tolerance, result, capacity, sweeps);
+  if (!failed && !regular_between(before, result + HEADER + NZ)) failed = PERHAPS_ANOTHER_BRANCH;
+  return failed;
+}
+
+/* From nothing: a coarse integrator follows the path from the straight robot, the fine one finishes. */
+EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation, double tolerance,
+                double residual_tolerance, double *result, long capacity) {
+  empty();
+  Layout layout;
+  Case coarse;
+  int failed = lay_out(robot, loads, actuation, &layout);
+  if (!failed) failed = pack(&layout, &RK4, &coarse);
+  if (failed) return failed;
+  double z[NZ];
+  int iterations = 0;
+  failed = follow(&coarse, z, &iterations);
+  if (!failed) failed = refine(&layout, z, tolerance, residual_tolerance, result, capacity, iterations);
+  if (!failed || failed == TOO_SMALL) return failed;
+  Case fine; /* the coarse integrator was too coarse */
+  failed = pack(&layout, &RK8, &fine);
+  if (!failed) failed = follow(&fine, z, &iterations);
+  return failed ? failed : refine(&layout, z, tolerance, residual_tolerance, result, capacity, iterations);
+}
+
+/* One integration from the entry to the tip, for comparison: the position of the tip. */
+EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int repeats,
+                     int directions, double *tip) {
+  empty();
+  Layout layout;
+  Case c;
+  int failed = lay_out(robot, loads, actuation, &layout);
+  if (!failed) failed = pack(&layout, &RK8, &c);
+  for (int k = 0; k < repeats && !failed; k++) {
+    double residual[NZ], jacobian[NZ * NZ];
+    if (directions) linearize(&c, z, residual, jacobian, NULL);
+    else shoot(&c, z, residual, NULL, NULL);
+    memcpy(tip, residual, sizeof residual);
+  }
+  return failed;
+}
+
+/* The turn of the frame in the world, from a change of the state: R times the body's turn, with that of a tube about the
+   tangent. */
+static void pose_rates(const double *x, const double *along, int width, int tube, double *rates_) {
+  double part[3 * EVERY], inner[BEHIND_INNER], outer[BEHIND_OUTER], none[POINT] = {0};
+  behind_slopes(x, none, inner, outer);
+  apply_turn(inner, along, part, width);
+  const double *q = x + AT_ORIENTATION;
+  const double w = q[0], a = q[1], b = q[2], c = q[3], s = 2.0 / (w * w + a * a + b * b + c * c);
+  const double frame[9] = {1 - s * (b * b + c * c), s * (a * b - w * c), s * (a * c + w * b),
+                           s * (a * b + w * c), 1 - s * (a * a + c * c), s * (b * c - w * a),
+                           s * (a * c - w * b), s * (b * c + w * a), 1 - s * (a * a + b * b)};
+  for (int k = 0; k < width; k++) {
+    part[2 * width + k] += along[(AT_ANGLES + tube) * width + k];
+    for (int r = 0; r < 3; r++) {
+      rates_[r * width + k] = along[(AT_POSITION + r) * width + k];
+      rates_[(3 + r) * width + k] = frame[3 * r] * part[k] + frame[3 * r + 1] * part[width + k] + frame[3 * r + 2] * part[2 * width + k];
+    }
+  }
+}
+
+/* Pose rates of the tip (position, world turn): with rotations and translations (6 x 2 TUBES), and with a force and a
+   moment in the world at the tip of `tube` (6 x 6). SI. */
+EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
+                  int tube, double *jacobian, double *compliance) {
+  enum { WIDTH = PADDED(EVERY) };
+  empty();
+  Layout layout, finer;
+  Case c;
+  int failed = lay_out(robot, loads, actuation, &layout);
+  for (int k = 0; k < refinements && !failed; k++) {
+    failed = halve(&layout, &finer);
+    layout = finer;
+  }
+  if (!failed) failed = LIVE || layout.tied || layout.ends[tube] < layout.length ? REFUSED : pack(&layout, &RK8, &c);
+  if (failed) return failed;
+  double along[NX * WIDTH], rates_[6 * WIDTH], tip[NZ * NZ], right[NZ * WIDTH];
+  Swept swept = {.along = along};
+  sweep_along(&c, z, &swept, WIDTH, EVERY);
+  int innermost = 0;
+  while (layout.ends[innermost] < layout.length) innermost++;
+  pose_rates(swept.x, along, WIDTH, innermost, rates_);
+  /* Right-hand sides: what the tip conditions change by with angles, turns, forces, translations; then unit moments. */
+  enum { OTHERS = EVERY - NZ, MOMENTS = 3 };
+  double change[NZ * (OTHERS + MOMENTS)];
+  for (int i = 0; i < NZ; i++) {
+    memcpy(tip + i * NZ, along + TIP_ROWS[i] * WIDTH, sizeof(double) * NZ);
+    memcpy(change + i * (OTHERS + MOMENTS), along + TIP_ROWS[i] * WIDTH + NZ, sizeof(double) * OTHERS);
+  }
+  double plain[NX], unit[POINT];
+  for (int d = 0; d < MOMENTS; d++) {
+    memset(unit, 0, sizeof unit);
+    unit[3 + 3 * tube + d] = 1.0;
+    behind(swept.x, unit, plain);
+    for (int i = 0; i < NZ; i++) change[i * (OTHERS + MOMENTS) + OTHERS + d] = plain[TIP_ROWS[i]] - swept.x[TIP_ROWS[i]];
+  }
+  if (solve(NZ, OTHERS + MOMENTS, tip, change)) return SINGULAR;
+  const double length = layout.length, force = force_scale(&layout), moment = moment_scale(&layout);
+  for (int r = 0; r < 6; r++) {
+    const double out = r < 3 ? length : 1.0;
+    double total[OTHERS + MOMENTS];
+    for (int d = 0; d < OTHERS + MOMENTS; d++) {
+      total[d] = d < OTHERS ? rates_[r * WIDTH + NZ + d] : 0.0;
+      for (int i = 0; i < NZ; i++) total[d] -= rates_[r * WIDTH + i] * change[i * (OTHERS + MOMENTS) + d];
+    }
+    for (int i = 0; i < TUBES; i++) {
+      jacobian[r * 2 * TUBES + i] = out * total[ALONG_ANGLE - NZ + i];
+      jacobian[r * 2 * TUBES + TUBES + i] = out * total[ALONG_TRANSLATION - NZ + i] / length;
+    }
+    for (int d = 0; d < 3; d++) {
+      compliance[r * 6 + d] = out * total[ALONG_FORCE - NZ + d] / force;
+      compliance[r * 6 + 3 + d] = out * total[OTHERS + d] / moment;
+    }
+  }
+  return 0;
+}

@@ -1,0 +1,319 @@
+/* From robot, actuation and loads to break points, sections and steps. SI throughout. */
+
+typedef struct {
+  const double *bending, *torsional; /* EI, GJ of each tube */
+  const int *pieces;                 /* TUBES + 1: where each tube's pieces of precurvature begin */
+  int degree;
+  const double *breaks;              /* arc lengths of the pieces' ends from the tube's base; tube i's from pieces[i] + i */
+  const double *coefficients;        /* (degree + 1) x 3 of each piece, powers of the length from its beginning */
+  const double *position, *orientation; /* of the entry point; a quaternion */
+} Robot;
+
+/* Rows of numbers; an arc length of NaN rides on the tube's end. `body`: in the tube's frame. */
+enum { LOAD_S, LOAD_TUBE, LOAD_BODY, LOAD_FORCE, LOAD_MOMENT = LOAD_FORCE + 3, POINT_ROW = LOAD_MOMENT + 3 };
+enum { SPAN_START, SPAN_END, SPAN_TUBE, SPAN_BODY, SPAN_FORCE, SPAN_MOMENT = SPAN_FORCE + 3, SPAN_ROW = SPAN_MOMENT + 3 };
+
+typedef struct {
+  int points, spans;
+  const double *point, *span;
+} Loads;
+
+typedef struct {
+  double s;
+  int mover; /* the tube that carries it along, or -1 */
+} Break;
+
+typedef struct {
+  double start, end;
+  int section;
+} Step;
+
+typedef struct {
+  const Robot *robot;
+  const Loads *loads;
+  const double *rotations, *translations;
+  double ends[TUBES], length, stiffness;
+  int breaks, tied; /* tied: break points of different tubes coincide */
+  Break *at;
+  int *of_point, *of_span; /* break points of the loads: one each, two each */
+  int steps;
+  Step *step;
+  int *last; /* of each break point: the step that ends there */
+} Layout;
+
+enum { REFUSED = 1, NO_MEMORY, TOO_SMALL };
+
+static const double SAME_POINT = 1e-12, LARGEST_TURN = 1.0, MOST_TURN_STEPS = 200.0;
+
+/* -- memory: one arena for each thread, emptied by every call ---------------------------------------------------------- */
+
+typedef struct Block {
+  struct Block *before;
+  size_t size, used;
+} Block;
+
+static _Thread_local Block *arena;
+
+static void *take(size_t bytes) {
+  bytes = (bytes + 63) / 64 * 64;
+  if (!arena || arena->size - arena->used < bytes) {
+    const size_t size = bytes + (arena ? 2 * arena->size : (size_t)1 << 16);
+    Block *block = malloc(sizeof(Block) + 64 + size);
+    if (!block) return NULL;
+    *block = (Block){arena, size, 0};
+    arena = block;
+  }
+  char *begin = (char *)(((uintptr_t)(arena + 1) + 63) / 64 * 64);
+  void *found = begin + arena->used;
+  arena->used += bytes;
+  return found;
+}
+
+static void empty(void) {
+  while (arena && arena->before) { /* keep the last and largest */
+    Block *old = arena->before;
+    arena->before = old->before;
+    free(old);
+  }
+  if (arena) arena->used = 0;
+}
+
+/* -- precurvature ------------------------------------------------------------------------------------------------------ */
+
+static int piece_of(const Robot *robot, int tube, double sigma) {
+  int low = robot->pieces[tube], high = robot->pieces[tube + 1];
+  while (high - low > 1) {
+    const int middle = (low + high) / 2;
+    if (robot->breaks[middle + tube] <= sigma) low = middle; else high = middle;
+  }
+  return low;
+}
+
+/* u*(sigma) on a piece, and its slope if wanted. */
+static void precurvature(const Robot *robot, int tube, int piece, double sigma, double *value, double *slope) {
+  const double x = sigma - robot->breaks[piece + tube];
+  const double *c = robot->coefficients + (size_t)piece * (robot->degree + 1) * 3;
+  for (int r = 0; r < 3; r++) {
+    double v = 0.0, d = 0.0;
+    for (int k = robot->degree; k >= 0; k--) {
+      d = d * x + v;
+      v = v * x + c[3 * k + r];
+    }
+    value[r] = v;
+    if (slope) slope[r] = d;
+  }
+}
+
+/* Integral of u*_z over [0, sigma] of a tube. */
+static double preset_twist(const Robot *robot, int tube, double sigma) {
+  double total = 0.0;
+  for (int piece = robot->pieces[tube]; piece < robot->pieces[tube + 1]; piece++) {
+    const double begin = robot->breaks[piece + tube], end = robot->breaks[piece + 1 + tube];
+    const double x = fmin(sigma, end) - begin;
+    const double *c = robot->coefficients + (size_t)piece * (robot->degree + 1) * 3;
+    if (x <= 0.0) break;
+    double sum = 0.0;
+    for (int k = robot->degree; k >= 0; k--) sum = sum * x + c[3 * k + 2] / (k + 1);
+    total += sum * x;
+  }
+  return total;
+}
+
+/* -- break points ------------------------------------------------------------------------------------------------------ */
+
+static int by_arc_length(const void *a, const void *b) {
+  const Break *x = a, *y = b;
+  return x->s < y->s ? -1 : x->s > y->s ? 1 : x->mover - y->mover;
+}
+
+static int nearest(const Layout *layout, double s) {
+  int low = 0, high = layout->breaks - 1;
+  while (high - low > 1) {
+    const int middle = (low + high) / 2;
+    if (layout->at[middle].s <= s) low = middle; else high = middle;
+  }
+  return s - layout->at[low].s <= layout->at[high].s - s ? low : high;
+}
+
+/* Where a load acts: on its tube, or refused. */
+static int place(const Layout *layout, double s, int tube, Break *found) {
+  const double end = layout->ends[tube];
+  if (isnan(s)) {
+    *found = (Break){end, tube};
+    return 0;
+  }
+  if (!(s >= 0.0 && s <= end + SAME_POINT * layout->length)) return REFUSED;
+  *found = (Break){fmin(s, end), -1};
+  return 0;
+}
+
+static int sort_breaks(Layout *layout) {
+  const Robot *robot = layout->robot;
+  const Loads *loads = layout->loads;
+  const size_t most = 2 + robot->pieces[TUBES] + TUBES + loads->points + 2 * (size_t)loads->spans;
+  Break *all = layout->at = take(sizeof(Break) * most);
+  layout->of_point = take(sizeof(int) * (loads->points + 2 * (size_t)loads->spans + most));
+  if (!all || !layout->of_point) return NO_MEMORY;
+  layout->of_span = layout->of_point + loads->points;
+  layout->last = layout->of_span + 2 * loads->spans;
+  int count = 0;
+  const double slack = SAME_POINT * layout->length;
+  all[count++] = (Break){0.0, -1};
+  for (int i = 0; i < TUBES; i++)
+    for (int k = robot->pieces[i] + i; k <= robot->pieces[i + 1] + i; k++) {
+      const double s = layout->translations[i] + robot->breaks[k];
+      if (s >= -slack) all[count++] = (Break){fmax(s, 0.0), i};
+    }
+  for (int k = 0; k < loads->points; k++) {
+    const double *row = loads->point + (size_t)k * POINT_ROW;
+    if (place(layout, row[LOAD_S], (int)row[LOAD_TUBE], all + count++)) return REFUSED;
+  }
+  for (int k = 0; k < loads->spans; k++) {
+    const double *row = loads->span + (size_t)k * SPAN_ROW;
+    for (int side = 0; side < 2; side++)
+      if (place(layout, row[SPAN_START + side], (int)row[SPAN_TUBE], all + count++)) return REFUSED;
+    if (!(all[count - 1].s > all[count - 2].s)) return REFUSED;
+  }
+  qsort(all, count, sizeof *all, by_arc_length);
+  layout->breaks = 1;
+  layout->tied = 0;
+  double before = all[0].s;
+  int movers = all[0].mover;
+  for (int k = 1; k < count; k++) {
+    if (all[k].s - before > slack) {
+      layout->at[layout->breaks++] = all[k];
+      movers = all[k].mover;
+    } else if (all[k].mover != movers) {
+      layout->tied = 1;
+    }
+    before = all[k].s;
+  }
+  layout->at[layout->breaks - 1].s = layout->length;
+  for (int i = 0; i < TUBES; i++) layout->ends[i] = layout->at[nearest(layout, layout->ends[i])].s;
+  for (int k = 0; k < loads->points; k++) {
+    const double *row = loads->point + (size_t)k * POINT_ROW;
+    const double s = row[LOAD_S];
+    layout->of_point[k] = nearest(layout, isnan(s) ? layout->ends[(int)row[LOAD_TUBE]] : s);
+  }
+  for (int k = 0; k < 2 * loads->spans; k++) {
+    const double *row = loads->span + (size_t)(k / 2) * SPAN_ROW;
+    const double s = row[SPAN_START + k % 2];
+    layout->of_span[k] = nearest(layout, isnan(s) ? layout->ends[(int)row[SPAN_TUBE]] : s);
+  }
+  return 0;
+}
+
+/* -- steps ------------------------------------------------------------------------------------------------------------- */
+
+static double size3(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+
+/* A rough upper bound of the curvature in a section from the preset curvatures. */
+static double preset_bound(const Layout *layout, double start, double end, double *stiffness) {
+  const Robot *robot = layout->robot;
+  const double middle = 0.5 * (start + end);
+  double most = 0.0;
+  *stiffness = 0.0;
+  for (int i = 0; i < TUBES; i++) {
+    if (middle >= layout->ends[i]) continue;
+    *stiffness += robot->bending[i];
+    const int piece = piece_of(robot, i, middle - layout->translations[i]);
+    for (int j = 0; j < (robot->degree ? 5 : 1); j++) {
+      double value[3];
+      precurvature(robot, i, piece, start + 0.25 * j * (end - start) - layout->translations[i], value, NULL);
+      most = fmax(most, largest(3, value));
+    }
+  }
+  return most;
+}
+
+/* How many steps every section takes: no step turns much. The rule of Configuration.mesh, with the loads from the tip on:
+   a force bends an elastica to at most 2 sqrt(F / EI), however long the lever. */
+static int steps_of(Layout *layout, int *parts, double *turns) {
+  const Loads *loads = layout->loads;
+  double *forces = take(sizeof(double) * 2 * layout->breaks), *couples = forces + layout->breaks;
+  if (!forces) return NO_MEMORY;
+  memset(forces, 0, sizeof(double) * 2 * layout->breaks);
+  for (int p = 0; p < loads->points; p++) {
+    const double *row = loads->point + (size_t)p * POINT_ROW;
+    forces[layout->of_point[p]] += size3(row + LOAD_FORCE);
+    couples[layout->of_point[p]] += size3(row + LOAD_MOMENT);
+  }
+  for (int p = 0; p < loads->spans; p++) {
+    const double *row = loads->span + (size_t)p * SPAN_ROW;
+    const int from = layout->of_span[2 * p], to = layout->of_span[2 * p + 1];
+    const double length = layout->at[to].s - layout->at[from].s;
+    forces[to] += length * size3(row + SPAN_FORCE);
+    couples[to] += length * size3(row + SPAN_MOMENT);
+  }
+  double total = 0.0, force = 0.0, couple = 0.0, lever = 0.0;
+  for (int k = layout->breaks - 2; k >= 0; k--) {
+    const double start = layout->at[k].s, end = layout->at[k + 1].s;
+    double stiffness;
+    const double preset = preset_bound(layout, start, end, &stiffness);
+    force += forces[k + 1];
+    couple += couples[k + 1];
+    lever += (end - start) * force;
+    turns[k] = (end - start) * (preset + couple / stiffness + fmin(lever / stiffness, 2.0 * sqrt(force / stiffness)));
+    total += turns[k];
+  }
+  const double allowed = fmax(LARGEST_TURN, total / MOST_TURN_STEPS);
+  layout->steps = 0;
+  for (int k = 0; k + 1 < layout->breaks; k++) {
+    if (!(turns[k] < 1e6 * allowed)) return REFUSED;
+    parts[k] = turns[k] > allowed ? (int)ceil(turns[k] / allowed) : 1;
+    layout->steps += parts[k];
+  }
+  return 0;
+}
+
+static int cut_steps(Layout *layout) {
+  int *parts = take(sizeof(int) * layout->breaks);
+  double *turns = take(sizeof(double) * layout->breaks);
+  if (!parts || !turns) return NO_MEMORY;
+  const int refused = steps_of(layout, parts, turns);
+  if (refused) return refused;
+  layout->step = take(sizeof(Step) * layout->steps);
+  if (!layout->step) return NO_MEMORY;
+  int next = 0;
+  layout->last[0] = -1;
+  for (int k = 0; k + 1 < layout->breaks; k++) {
+    const double start = layout->at[k].s, length = layout->at[k + 1].s - start;
+    for (int j = 0; j < parts[k]; j++) {
+      const double a = start + j * (length / parts[k]);
+      const double b = j + 1 == parts[k] ? layout->at[k + 1].s : start + (j + 1) * (length / parts[k]);
+      layout->step[next++] = (Step){a, b, k};
+    }
+    layout->last[k + 1] = next - 1;
+  }
+  return 0;
+}
+
+/* Every step in two. */
+static int halve(const Layout *layout, Layout *halves) {
+  *halves = *layout;
+  halves->steps = 2 * layout->steps;
+  halves->step = take(sizeof(Step) * halves->steps);
+  halves->last = take(sizeof(int) * layout->breaks);
+  if (!halves->step || !halves->last) return NO_MEMORY;
+  for (int k = 0; k < layout->steps; k++) {
+    const Step whole = layout->step[k];
+    const double middle = 0.5 * (whole.start + whole.end);
+    halves->step[2 * k] = (Step){whole.start, middle, whole.section};
+    halves->step[2 * k + 1] = (Step){middle, whole.end, whole.section};
+  }
+  for (int k = 0; k < layout->breaks; k++) halves->last[k] = 2 * layout->last[k] + 1;
+  return 0;
+}
+
+static int lay_out(const Robot *robot, const Loads *loads, const double *actuation, Layout *layout) {
+  *layout = (Layout){.robot = robot, .loads = loads, .rotations = actuation, .translations = actuation + TUBES};
+  for (int i = 0; i < TUBES; i++) {
+    const double end = layout->translations[i] + robot->breaks[robot->pieces[i + 1] + i];
+    if (!(end > 0.0 && layout->translations[i] <= 0.0)) return REFUSED;
+    layout->ends[i] = end;
+    layout->length = fmax(layout->length, end);
+    layout->stiffness = fmax(layout->stiffness, robot->bending[i]);
+  }
+  const int refused = sort_breaks(layout);
+  return refused ? refused : cut_steps(layout);
+}

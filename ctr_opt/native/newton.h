@@ -1,0 +1,173 @@
+/* Newton's method and continuation, never silent: each returns 0 only where it converged. */
+
+enum { DIVERGED = 10, SINGULAR, PERHAPS_ANOTHER_BRANCH, INACCURATE, PATH_ENDED };
+
+static const double CONTRACTION = 0.5, REGULAR = 0.6, MOST_INVERSE = 1e4;
+
+/* z - H r, and the size of the correction. */
+static double correct(const double *inverse, const double *residual, double *z) {
+  double step[NZ];
+  multiply(NZ, NZ, 1, inverse, residual, step);
+  for (int i = 0; i < NZ; i++) z[i] -= step[i];
+  return norm(NZ, step);
+}
+
+/* Broyden's method from the inverse of a Jacobian nearby: one sweep an iteration, down to `enough`. */
+static int approach(const Case *c, double *z, double *inverse, double enough, int *sweeps) {
+  double residual[NZ], next[NZ], step[NZ], before = INFINITY;
+  shoot(c, z, residual, NULL, NULL);
+  ++*sweeps;
+  for (int iteration = 0; iteration < 12; iteration++) {
+    if (largest(NZ, residual) <= enough) return 0;
+    multiply(NZ, NZ, 1, inverse, residual, step);
+    const double size = norm(NZ, step);
+    if (!(size <= (iteration ? CONTRACTION : 1.0) * before)) return DIVERGED;
+    before = size;
+    for (int i = 0; i < NZ; i++) z[i] -= step[i];
+    shoot(c, z, next, NULL, NULL);
+    ++*sweeps;
+    double change[NZ], moved[NZ], row[NZ], scale = 0.0; /* step is minus the correction made */
+    for (int i = 0; i < NZ; i++) change[i] = next[i] - residual[i];
+    multiply(NZ, NZ, 1, inverse, change, moved);
+    multiply(1, NZ, NZ, step, inverse, row);
+    for (int i = 0; i < NZ; i++) scale -= step[i] * moved[i];
+    if (scale > 0.1 * size * size)
+      for (int i = 0; i < NZ; i++)
+        for (int j = 0; j < NZ; j++) inverse[i * NZ + j] += (-step[i] - moved[i]) * -row[j] / scale;
+    memcpy(residual, next, sizeof next);
+  }
+  return DIVERGED;
+}
+
+/* Whether a Jacobian can be taken to have stayed regular between a and b: the eigenvalues of a^-1 b lie within 62 degrees
+   of the positive axis and change by at most a factor of 4, as those of (b - a) (b + a)^-1 are below 0.6 in size. */
+static int regular_between(const double *a, const double *b) {
+  double sum[NZ * NZ], c[NZ * NZ], square[NZ * NZ];
+  for (int i = 0; i < NZ; i++)
+    for (int j = 0; j < NZ; j++) { /* transposed, as `solve` divides from the left */
+      sum[i * NZ + j] = b[j * NZ + i] + a[j * NZ + i];
+      c[i * NZ + j] = b[j * NZ + i] - a[j * NZ + i];
+    }
+  if (solve(NZ, NZ, sum, c)) return 0;
+  double bound = norm(NZ * NZ, c), power = 1.0;
+  for (int k = 0; k < 5; k++) { /* the spectral radius is at most |C^p|^(1/p) */
+    if (bound < REGULAR) return 1;
+    if (!(bound < 1e3)) return 0;
+    multiply(NZ, NZ, NZ, c, c, square);
+    memcpy(c, square, sizeof c);
+    power *= 2.0;
+    bound = pow(norm(NZ * NZ, c), 1.0 / power);
+  }
+  return 0;
+}
+
+/* -- what a solve leaves ----------------------------------------------------------------------------------------------- */
+
+typedef struct {
+  double z[NZ], jacobian[NZ * NZ], residual, error;
+  int iterations;
+  double *right, *left; /* states behind and before the loads at the nodes */
+} Found;
+
+/* Newton's method to the end, from near the solution, on the fine tableau; nodes and the estimated error of positions. */
+static int finish(const Case *c, const Case *halves, double tolerance, Found *found) {
+  const int n = c->track.steps;
+  double residual[NZ], inverse_[NZ * NZ];
+  double *positions = take(sizeof(double) * 3 * NZ * n);
+  double *fine = take(sizeof(double) * NX * 2 * n);
+  if (!positions || !fine) return NO_MEMORY;
+  double before = INFINITY;
+  for (int iteration = 0;; iteration++) {
+    if (iteration == 6) return DIVERGED;
+    linearize(c, found->z, residual, found->jacobian, positions);
+    found->iterations++;
+    if (inverse(NZ, found->jacobian, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
+    const double size = correct(inverse_, residual, found->z);
+    if (!(size <= (iteration ? CONTRACTION : 1.0) * before)) return DIVERGED;
+    before = size;
+    if (size > 1e-3) continue; /* the sweep below would not converge yet */
+    shoot(c, found->z, residual, found->right, found->left);
+    found->residual = largest(NZ, residual);
+    if (found->residual <= tolerance) break;
+  }
+  /* Half the steps' length: one chord step, seen at the nodes to first order. */
+  shoot(halves, found->z, residual, NULL, fine);
+  double step[NZ], most = 0.0;
+  multiply(NZ, NZ, 1, inverse_, residual, step);
+  for (int k = 0; k < n; k++) {
+    double moved[3];
+    for (int r = 0; r < 3; r++) {
+      moved[r] = fine[(size_t)(2 * k + 1) * NX + AT_POSITION + r] - found->left[(size_t)k * NX + AT_POSITION + r];
+      for (int i = 0; i < NZ; i++) moved[r] -= positions[((size_t)k * 3 + r) * NZ + i] * step[i];
+    }
+    const double size = size3(moved);
+    if (!(size <= most)) most = size;
+  }
+  found->error = 2.0 * most + 1e-12;
+  return isfinite(found->error) ? 0 : DIVERGED;
+}
+
+/* -- continuation from the straight robot ------------------------------------------------------------------------------ */
+
+enum { MOST_PATH_STEPS = 60 };
+static const double PATH_TOLERANCE = 1e-4, SMALLEST_PATH_STEP = 1e-3;
+
+typedef struct {
+  double z[NZ], jacobian[NZ * NZ];
+} Point;
+
+/* Newton's method at a point of the path: fast or not at all. */
+static int arrive(const Case *c, Point *point, int *iterations) {
+  double residual[NZ], inverse_[NZ * NZ], before = INFINITY;
+  for (*iterations = 0; *iterations < 5; ++*iterations) {
+    linearize(c, point->z, residual, point->jacobian, NULL);
+    if (inverse(NZ, point->jacobian, inverse_)) return SINGULAR;
+    const double size = correct(inverse_, residual, point->z);
+    if (!(size <= (*iterations ? CONTRACTION : 10.0) * before)) return DIVERGED;
+    if (largest(NZ, residual) <= PATH_TOLERANCE) return 0; /* the correction just made leaves next to nothing */
+    before = size;
+  }
+  return DIVERGED;
+}
+
+/* Follow the solution from the straight robot to the whole loads and precurvatures: see solvers/homotopy.py. */
+static int follow(const Case *c, double *z, int *iterations) {
+  const size_t size = sizeof(double) * column_size(c->track.rk) * c->track.steps;
+  double *columns = take(size);
+  if (!columns) return NO_MEMORY;
+  Case part;
+  Point here = {0};
+  double reached = 0.0, step = 0.25, before = 0.0, residual[NZ], earlier[NZ] = {0};
+  int any = 0;
+  scale_case(c, 0.0, columns, &part);
+  linearize(&part, here.z, residual, here.jacobian, NULL);
+  for (int tried = 0; reached < 1.0; tried++) {
+    if (tried == MOST_PATH_STEPS || step < SMALLEST_PATH_STEP) return PATH_ENDED;
+    const double target = fmin(1.0, reached + step);
+    Point next = here, middle;
+    int used;
+    if (any)
+      for (int i = 0; i < NZ; i++) next.z[i] += (target - reached) / (reached - before) * (here.z[i] - earlier[i]);
+    scale_case(c, target, columns, &part);
+    int failed = arrive(&part, &next, &used);
+    *iterations += used + 1;
+    if (!failed) {
+      for (int i = 0; i < NZ; i++) middle.z[i] = 0.5 * (here.z[i] + next.z[i]);
+      scale_case(c, 0.5 * (reached + target), columns, &part);
+      linearize(&part, middle.z, residual, middle.jacobian, NULL);
+      failed = !regular_between(here.jacobian, middle.jacobian) || !regular_between(middle.jacobian, next.jacobian);
+    }
+    if (failed) {
+      step = 0.5 * (target - reached);
+      continue;
+    }
+    memcpy(earlier, here.z, sizeof earlier);
+    before = reached;
+    any = 1;
+    here = next;
+    reached = target;
+    step *= used <= 1 ? 3.0 : used <= 2 ? 1.6 : 0.8;
+  }
+  memcpy(z, here.z, sizeof here.z);
+  return 0;
+}

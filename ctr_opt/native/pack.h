@@ -1,0 +1,138 @@
+/* From a layout to the columns of numbers that a sweep reads; dimensionless from here on. */
+
+typedef struct {
+  Layout *layout;
+  Track track;
+  double *columns, *shift; /* shift: derivatives of the precurvatures by arc length, where they vary */
+  int *flags;
+  double free_angles[TUBES], compliance[TUBES], force[3], start[POINT];
+} Case;
+
+static double moment_scale(const Layout *layout) { return layout->stiffness / layout->length; }
+static double force_scale(const Layout *layout) { return layout->stiffness / (layout->length * layout->length); }
+
+/* Where a part with data at the nodes begins in a column. */
+static int part_start(const Tableau *rk, int part) {
+  int start = 1;
+  for (int i = 0; i < part; i++) start += PART_AT_NODES[i] ? PART_SIZE[i] * rk->stages : PART_SIZE[i];
+  return start;
+}
+
+static void add3(double *to, const double *of, double factor) {
+  for (int r = 0; r < 3; r++) to[r] += factor * of[r];
+}
+
+/* A point load into the layout of point data: force, the tubes' moments, then the same in the tubes' frames. */
+static void add_point(const Layout *layout, const double *row, double *to) {
+  const int tube = (int)row[LOAD_TUBE], body = BODY && row[LOAD_BODY] != 0.0;
+  const double force = 1.0 / force_scale(layout), moment = 1.0 / moment_scale(layout);
+  add3(body ? to + 3 + 3 * TUBES + 3 * tube : to, row + LOAD_FORCE, force);
+  add3(body ? to + 3 + 6 * TUBES + 3 * tube : to + 3 + 3 * tube, row + LOAD_MOMENT, moment);
+}
+
+static void fill_tubes(Case *c, int k) {
+  const Layout *layout = c->layout;
+  const Robot *robot = layout->robot;
+  const Tableau *rk = c->track.rk;
+  const Step step = layout->step[k];
+  const double section_middle = 0.5 * (layout->at[step.section].s + layout->at[step.section + 1].s);
+  double *column = c->columns + (size_t)k * column_size(rk), *shift = c->shift + (size_t)k * 3 * TUBES * rk->stages;
+  double *curved = column + part_start(rk, PART_PRECURVATURE);
+  column[0] = (step.end - step.start) / layout->length;
+  for (int i = 0; i < TUBES; i++) {
+    const int present = section_middle < layout->ends[i];
+    column[1 + i] = present ? robot->bending[i] / layout->stiffness : 0.0;
+    column[1 + TUBES + i] = robot->torsional[i] / layout->stiffness;
+    if (!present) continue;
+    const int piece = piece_of(robot, i, section_middle - layout->translations[i]);
+    for (int j = 0; j < rk->stages; j++) {
+      const double s = step.start + rk->nodes[j] * (step.end - step.start);
+      double *value = curved + 3 * (TUBES * j + i), slope[3];
+      precurvature(robot, i, piece, s - layout->translations[i], value, slope);
+      for (int r = 0; r < 3; r++) value[r] *= layout->length;
+      if (robot->degree == 0) continue;
+      for (int r = 0; r < 3; r++) {
+        if (slope[r] != 0.0) c->flags[k] |= VARYING;
+        shift[3 * (TUBES * j + i) + r] = slope[r] * layout->length * layout->length;
+      }
+    }
+  }
+}
+
+/* A constant load per length; the same at all nodes of the step. */
+static void fill_span(Case *c, int k, const double *row) {
+  const Layout *layout = c->layout;
+  const Tableau *rk = c->track.rk;
+  const int tube = (int)row[SPAN_TUBE], body = BODY && row[SPAN_BODY] != 0.0;
+  double *column = c->columns + (size_t)k * column_size(rk);
+  const double force = layout->length / force_scale(layout), moment = layout->length / moment_scale(layout);
+  int forces = part_start(rk, PART_FORCE), moments = part_start(rk, PART_MOMENT) + 3 * tube, every = 3;
+#if BODY
+  if (body) {
+    forces = part_start(rk, PART_BODY_FORCE) + 3 * tube;
+    moments = part_start(rk, PART_BODY_MOMENT) + 3 * tube;
+    every = 3 * TUBES;
+  }
+#endif
+  c->flags[k] |= DISTRIBUTED;
+  for (int j = 0; j < rk->stages; j++) {
+    add3(column + forces + every * j, row + SPAN_FORCE, force);
+    add3(column + moments + 3 * TUBES * j, row + SPAN_MOMENT, moment);
+  }
+}
+
+static int pack(Layout *layout, const Tableau *rk, Case *c) {
+  const int size = column_size(rk), n = layout->steps;
+  *c = (Case){.layout = layout, .track = {.rk = rk, .steps = n}};
+  c->columns = take(sizeof(double) * size * n);
+  c->flags = take(sizeof(int) * n);
+  c->shift = take(sizeof(double) * 3 * TUBES * rk->stages * n);
+  if (!c->columns || !c->flags || !c->shift) return NO_MEMORY;
+  memset(c->columns, 0, sizeof(double) * size * n);
+  memset(c->flags, 0, sizeof(int) * n);
+  memset(c->shift, 0, layout->robot->degree ? sizeof(double) * 3 * TUBES * rk->stages * n : 0);
+  c->track.columns = c->columns;
+  c->track.flags = c->flags;
+  for (int k = 0; k < n; k++) fill_tubes(c, k);
+  for (int span = 0; span < layout->loads->spans; span++)
+    for (int k = layout->last[layout->of_span[2 * span]] + 1; k <= layout->last[layout->of_span[2 * span + 1]]; k++)
+      fill_span(c, k, layout->loads->span + (size_t)span * SPAN_ROW);
+  for (int p = 0; p < layout->loads->points; p++) {
+    const double *row = layout->loads->point + (size_t)p * POINT_ROW;
+    const int k = layout->last[layout->of_point[p]];
+    add_point(layout, row, k < 0 ? c->start : c->columns + (size_t)(k + 1) * size - POINT);
+    if (k >= 0) c->flags[k] |= LOADED;
+    if (!(BODY && row[LOAD_BODY] != 0.0)) add3(c->force, row + LOAD_FORCE, 1.0 / force_scale(layout));
+  }
+  const int force = part_start(rk, PART_FORCE);
+  for (int k = 0; k < n; k++)
+    if (c->flags[k] & DISTRIBUTED)
+      for (int j = 0; j < rk->stages; j++) {
+        const double *column = c->columns + (size_t)k * size;
+        add3(c->force, column + force + 3 * j, column[0] * rk->weights[j]);
+      }
+  for (int i = 0; i < TUBES; i++) {
+    const double behind_entry = -layout->translations[i];
+    c->free_angles[i] = layout->rotations[i] + preset_twist(layout->robot, i, behind_entry);
+    c->compliance[i] = behind_entry / layout->robot->torsional[i] * moment_scale(layout);
+  }
+  return 0;
+}
+
+/* The same case with loads and precurvatures multiplied, into columns of its own. */
+static void scale_case(const Case *c, double factor, double *columns, Case *scaled) {
+  const int size = column_size(c->track.rk);
+  *scaled = *c;
+  scaled->columns = columns;
+  scaled->track.columns = columns;
+  for (int k = 0; k < c->track.steps; k++) {
+    const double *from = c->columns + (size_t)k * size;
+    double *to = columns + (size_t)k * size;
+    for (int r = 0; r < 1 + SHARED; r++) to[r] = from[r];
+    for (int r = 1 + SHARED; r < size; r++) to[r] = factor * from[r];
+  }
+  for (int i = 0; i < TUBES; i++)
+    scaled->free_angles[i] = c->layout->rotations[i] + factor * (c->free_angles[i] - c->layout->rotations[i]);
+  for (int r = 0; r < 3; r++) scaled->force[r] = factor * c->force[r];
+  for (int r = 0; r < POINT; r++) scaled->start[r] = factor * c->start[r];
+}

@@ -1,0 +1,140 @@
+/* Integration along the robot, alone and with directions of change.
+
+   The model (rates, slopes, drift, behind) is generated from the symbolic equations. The data of a step stand in a column
+   of numbers: its length, the parts PART_SIZE, and the point load at its end. */
+
+enum { DISTRIBUTED = 1, VARYING = 2, LOADED = 4 }; /* loads per length; precurvature that varies; a point load ends it */
+
+typedef struct {
+  const Tableau *rk;
+  int steps;
+  const double *columns;   /* one behind the other, column_size(rk) each */
+  const int *flags;
+} Track;
+
+INLINE int column_size(const Tableau *rk) { return 1 + SHARED + AT_NODES * rk->stages + POINT; }
+
+INLINE const double *point_data(const Tableau *rk, const double *column) { return column + column_size(rk) - POINT; }
+
+/* Where the data of a node stand. */
+INLINE void at_node(const Tableau *rk, const double *column, int node, const double **data) {
+  int start = 1;
+  for (int i = 0; i < PARTS; i++) {
+    data[i] = column + start + (PART_AT_NODES[i] ? PART_SIZE[i] * node : 0);
+    start += PART_AT_NODES[i] ? PART_SIZE[i] * rk->stages : PART_SIZE[i];
+  }
+}
+
+/* The state at the end of a step, before its point load. */
+static void advance(const Tableau *rk, const double *column, double *restrict x) {
+  double slope[MOST_STAGES][NX], inner[NX];
+  const double length = column[0];
+  for (int j = 0; j < rk->stages; j++) {
+    const double *row = rk->matrix + j * rk->stages, *data[PARTS];
+    memcpy(inner, x, sizeof inner);
+    for (int i = 0; i < j; i++)
+      if (row[i] != 0.0)
+        for (int r = 0; r < NX; r++) inner[r] += row[i] * slope[i][r];
+    at_node(rk, column, j, data);
+    rates(inner, data, slope[j]);
+    for (int r = 0; r < NX; r++) slope[j][r] *= length;
+  }
+  for (int i = 0; i < rk->stages; i++)
+    for (int r = 0; r < NX; r++) x[r] += rk->weights[i] * slope[i][r];
+}
+
+/* The state behind the last load, from that at the entry point. `right`, `left` (steps + 1 and steps states, or NULL):
+   behind and before the loads at the nodes. */
+static void sweep(const Track *track, double *x, double *right, double *left) {
+  const int size = column_size(track->rk);
+  if (right) memcpy(right, x, sizeof(double) * NX);
+  for (int k = 0; k < track->steps; k++) {
+    const double *column = track->columns + (size_t)k * size;
+    advance(track->rk, column, x);
+    if (left) memcpy(left + (size_t)k * NX, x, sizeof(double) * NX);
+    if (track->flags[k] & LOADED) {
+      double y[NX];
+      behind(x, point_data(track->rk, column), y);
+      memcpy(x, y, sizeof y);
+    }
+    if (right) memcpy(right + (size_t)(k + 1) * NX, x, sizeof(double) * NX);
+  }
+}
+
+/* How directions move the data of a step: its ends, and the tubes under it. */
+typedef struct {
+  const double *shift;   /* derivative of the precurvature by arc length, 3 x TUBES a node */
+  const double *ends;    /* change of start and end of the step with each translation, 2 x TUBES */
+} Motion;
+
+/* A step with directions `along` (NX x width); with `motion`, those from `first` on are the translations. */
+INLINE void advance_along(const Tableau *rk, const double *column, int flags, const Motion *motion, const int first,
+                          double *restrict x, double *restrict along, const int width) {
+  double slope[MOST_STAGES][NX], inner[NX], by_parts[INNER], outer[OUTER];
+  double turned[MOST_STAGES][NX * width], aside[NX * width], part[5 * width];
+  const double length = column[0];
+  const int from = LIVE ? 0 : 3, to = LIVE || (flags & DISTRIBUTED) ? NX : NX - 3; /* rows that act on others */
+  for (int j = 0; j < rk->stages; j++) {
+    const double *row = rk->matrix + j * rk->stages, *data[PARTS];
+    int used[MOST_STAGES], count = 0;
+    memcpy(inner, x, sizeof inner);
+    for (int i = 0; i < j; i++)
+      if (row[i] != 0.0) {
+        used[count++] = i;
+        for (int r = 0; r < NX; r++) inner[r] += row[i] * slope[i][r];
+      }
+    for (int r = 0; r < NX; r++) {
+      double sum[width];
+      for (int k = 0; k < width; k++) sum[k] = along[r * width + k];
+      if (r >= from && r < to)
+        for (int m = 0; m < count; m++) {
+          const double weight = row[used[m]], *add = turned[used[m]] + r * width;
+          for (int k = 0; k < width; k++) sum[k] += weight * add[k];
+        }
+      for (int k = 0; k < width; k++) aside[r * width + k] = sum[k];
+    }
+    at_node(rk, column, j, data);
+    slopes(inner, data, slope[j], by_parts, outer);
+    for (int k = 0; k < OUTER; k++) outer[k] *= length;
+    apply_by_parts(by_parts, aside, part, width);
+    apply_slopes(outer, aside, part, turned[j], width);
+    if (motion) {
+      const double *ends = motion->ends;
+      for (int d = 0; d < TUBES; d++) {
+        const double longer = ends[TUBES + d] - ends[d];
+        if (longer != 0.0)
+          for (int r = 0; r < NX; r++) turned[j][r * width + first + d] += longer * slope[j][r];
+      }
+      if (flags & VARYING) {
+        double change[TUBES * NX];
+        drift(inner, data, motion->shift + 3 * TUBES * j, change);
+        for (int d = 0; d < TUBES; d++) {
+          const double moved = ends[d] + rk->nodes[j] * (ends[TUBES + d] - ends[d]);
+          for (int r = 0; r < NX; r++) {
+            double sum = 0.0;
+            for (int i = 0; i < TUBES; i++) sum += change[r * TUBES + i] * (moved - (i == d));
+            turned[j][r * width + first + d] += length * sum;
+          }
+        }
+      }
+    }
+    for (int r = 0; r < NX; r++) slope[j][r] *= length;
+  }
+  for (int i = 0; i < rk->stages; i++) {
+    const double weight = rk->weights[i];
+    if (weight == 0.0) continue;
+    for (int r = 0; r < NX; r++) x[r] += weight * slope[i][r];
+    for (int k = 0; k < to * width; k++) along[k] += weight * turned[i][k];
+  }
+}
+
+/* State and directions behind a point load. */
+INLINE void behind_along(const double *point, double *restrict x, double *restrict along, const int width) {
+  double inner[BEHIND_INNER], outer[BEHIND_OUTER], part[3 * width], moved[NX * width], y[NX];
+  behind_slopes(x, point, inner, outer);
+  apply_turn(inner, along, part, width);
+  apply_behind(outer, along, part, moved, width);
+  memcpy(along, moved, sizeof moved);
+  behind(x, point, y);
+  memcpy(x, y, sizeof y);
+}

@@ -1,0 +1,133 @@
+"""The compiled solver: robots and loads as tables of numbers, and calls through buffers."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robot.loads import DistributedLoad, Load, PointWrench
+from ..robot.robot import Robot
+from ..robot.weights import DistributedMass, Gravity, PointMass
+
+_DOUBLES = ctypes.POINTER(ctypes.c_double)
+_INTS = ctypes.POINTER(ctypes.c_int)
+
+
+class _Robot(ctypes.Structure):
+    _fields_ = (
+        ("bending", _DOUBLES),
+        ("torsional", _DOUBLES),
+        ("pieces", _INTS),
+        ("degree", ctypes.c_int),
+        ("breaks", _DOUBLES),
+        ("coefficients", _DOUBLES),
+        ("position", _DOUBLES),
+        ("orientation", _DOUBLES),
+    )
+
+
+class _Loads(ctypes.Structure):
+    _fields_ = (("points", ctypes.c_int), ("spans", ctypes.c_int), ("point", _DOUBLES), ("span", _DOUBLES))
+
+
+def _pointer(array: NDArray[Any]) -> Any:
+    return array.ctypes.data_as(_INTS if array.dtype == np.intc else _DOUBLES)
+
+
+class RobotTable:
+    """A robot as the compiled solver reads it."""
+
+    def __init__(self, robot: Robot) -> None:
+        from scipy.spatial.transform import Rotation
+
+        shapes = [tube.shape for tube in robot.tubes]
+        degree = max(len(shape.coefficients) for shape in shapes) - 1
+        padded = [np.pad(c, ((0, degree + 1 - len(c)), (0, 0), (0, 0))) for c in (s.coefficients for s in shapes)]
+        self._arrays = {
+            "bending": np.array([tube.bending_stiffness for tube in robot.tubes]),
+            "torsional": np.array([tube.torsional_stiffness for tube in robot.tubes]),
+            "pieces": np.concatenate(([0], np.cumsum([shape.coefficients.shape[1] for shape in shapes]))).astype(np.intc),
+            "breaks": np.concatenate([shape.breaks for shape in shapes]),
+            "coefficients": np.concatenate([c.transpose(1, 0, 2).ravel() for c in padded]),
+            "position": robot.base_pose[:3, 3].copy(),
+            "orientation": np.roll(Rotation.from_matrix(robot.base_pose[:3, :3]).as_quat(), 1).copy(),
+        }
+        pointers = {name: _pointer(array) for name, array in self._arrays.items()}
+        self._struct = _Robot(degree=degree, **pointers)
+        self.address = ctypes.addressof(self._struct)
+
+
+class LoadRows:
+    """Loads as the compiled solver reads them."""
+
+    def __init__(self, points: list[tuple[float, ...]], spans: list[tuple[float, ...]]) -> None:
+        self._point, self._span = np.array(points, dtype=np.float64), np.array(spans, dtype=np.float64)
+        self._struct = _Loads(len(points), len(spans), _pointer(self._point), _pointer(self._span))
+        self.address = ctypes.addressof(self._struct)
+
+    @classmethod
+    def of(cls, robot: Robot, loads: Sequence[Load]) -> LoadRows | None:
+        """The loads, or None where there are some that the compiled solver does not know."""
+        points: list[tuple[float, ...]] = []
+        spans: list[tuple[float, ...]] = []
+        gravity = sum((load.acceleration for load in loads if isinstance(load, Gravity)), np.zeros(3))
+        for load in loads:
+            if isinstance(load, PointWrench):
+                points.append(_row(load.arc_length, None, load, load.force, load.moment))
+            elif isinstance(load, PointMass):
+                points.append(_row(load.arc_length, None, load, load.mass * gravity))
+            elif isinstance(load, DistributedMass):
+                spans.append(_row(load.start, load.end, load, load.mass_per_length * gravity))
+            elif isinstance(load, Gravity):
+                weights = [(i, tube.mass_per_length * load.acceleration) for i, tube in enumerate(robot.tubes)]
+                spans += [(0.0, np.nan, i, 0.0, *weight, 0.0, 0.0, 0.0) for i, weight in weights if weight.any()]
+            elif isinstance(load, DistributedLoad) and all(isinstance(f, np.ndarray) for f in (load.force, load.moment)):
+                spans.append(_row(load.start, load.end, load, load.force, load.moment))
+            else:
+                return None
+        return cls(points, spans)
+
+
+def _row(s: float | None, end: float | None, load: Any, force: Any, moment: Any = (0.0, 0.0, 0.0)) -> tuple[float, ...]:
+    """A point load or, with an end, a distributed one; what rides on the tube's end is not a number."""
+    body = getattr(load, "frame", "world") == "body"
+    places = (s,) if isinstance(load, (PointWrench, PointMass)) else (s, end)
+    return (*(np.nan if x is None else x for x in places), load.tube, body, *_floats(force), *_floats(moment))
+
+
+def _floats(vector: Any) -> Any:
+    return vector.tolist() if isinstance(vector, np.ndarray) else vector
+
+
+_ADDRESS, _REAL = ctypes.c_void_p, ctypes.c_double
+_SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "warm": (_ADDRESS, _ADDRESS, _ADDRESS, _ADDRESS, _REAL, _REAL, _ADDRESS, ctypes.c_long),
+    "cold": (_ADDRESS, _ADDRESS, _ADDRESS, _REAL, _REAL, _ADDRESS, ctypes.c_long),
+    "derive": (_ADDRESS, _ADDRESS, _ADDRESS, _ADDRESS, ctypes.c_int, ctypes.c_int, _ADDRESS, _ADDRESS),
+    "integrate": (_ADDRESS, _ADDRESS, _ADDRESS, _ADDRESS, ctypes.c_int, ctypes.c_int, _ADDRESS),
+}
+
+
+class Native:
+    """The functions of a compiled library and the layout of what they return; see ``native/driver.c``."""
+
+    TOO_SMALL = 3  # the only failure that is told from others: the result needs NEEDED numbers
+    ITERATIONS, RESIDUAL, ERROR, STEPS, LENGTH, STIFFNESS, REFINEMENTS, TIED, NEEDED, UNSTABLE, MARGIN = range(11)
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        for name, arguments in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.argtypes, function.restype = arguments, ctypes.c_int
+            setattr(self, name, function)
+        numbers = (ctypes.c_int * 8)()
+        library.sizes(numbers)
+        self.states, self.unknowns, self.header, *_ = numbers
+        self.start = self.unknowns + self.unknowns**2 + 2
+
+    def size(self, steps: int) -> int:
+        """Numbers in the result of a solve with so many steps."""
+        return self.header + self.start + 2 * steps + self.states * (2 * steps + 1)

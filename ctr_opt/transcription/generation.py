@@ -1,0 +1,295 @@
+"""The symbolic model as C code: rates, their derivatives by parts, point loads; and what the C driver must know of them.
+
+The derivative of a state's rate is applied in two sparse products, by way of the turn ``phi`` of the backbone frame and
+the change of its curvature ``u_xy``: that takes a third of the operations of the plain Jacobian.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from ..mechanics import boundary, rod
+from ..mechanics.loading import LoadKind
+from ..mechanics.so3 import rotation_matrix
+from ..mechanics.state import State
+from .columns import StepColumns
+from .integrators import INTEGRATORS, runge_kutta
+
+_DRIVER = ("trigonometry.h", "dense.h", "sweep.h", "layout.h", "pack.h", "shooting.h", "newton.h", "driver.c")
+
+
+@attrs.frozen(eq=False)
+class _Routine:
+    """A C function: pointers by name and the symbols or expressions they stand for."""
+
+    name: str
+    inputs: dict[str, Any]
+    outputs: dict[str, Any]
+
+    def function(self) -> ca.Function:
+        """The same for CasADi."""
+        outputs = [ca.densify(expression) for expression in self.outputs.values()]
+        return ca.Function(self.name, list(self.inputs.values()), outputs, {"cse": True})
+
+    def source(self, body: str) -> str:
+        """C text from the body that CasADi's code generator writes."""
+        for i, name in enumerate(self.inputs):
+            body = re.sub(rf"arg\[{i}\]\? arg\[{i}\]\[(\d+)\] : 0", rf"{name}[\1]", body)
+        for i, name in enumerate(self.outputs):
+            body = re.sub(rf"if \(res\[{i}\]!=0\) res\[{i}\]", name, body)
+        body = _trigonometry(body)
+        if "arg[" in body or "res[" in body:
+            raise NotImplementedError(f"the generated code of {self.name} has an unknown form")
+        pointers = {name.split("[")[0]: "const double *const *" if "[" in name else "const double *restrict "
+                    for name in self.inputs}
+        arguments = [f"{kind}{name}" for name, kind in pointers.items()]
+        arguments += [f"double *restrict {name}" for name in self.outputs]
+        return f"static void {self.name}({', '.join(arguments)}) {{\n{body}\n}}\n"
+
+
+def _trigonometry(body: str) -> str:
+    """Sines and cosines of the tubes' angles, all of them together; others one by one."""
+    held: dict[str, str] = {}
+    lines = []
+    for line in body.splitlines():
+        assigned = re.fullmatch(r"  (a\d+)=(.*);", line)
+        if assigned:
+            name, value = assigned.groups()
+            circular = re.fullmatch(r"(sin|cos)\((a\d+)\)", value)
+            if circular:
+                of, argument = circular.groups()
+                known = re.fullmatch(r"x\[(\d+)\]", held.get(argument, ""))
+                value = f"{of}_of[{known[1]} - AT_ANGLES]" if known else f"model_{of}({argument})"
+                line = f"  {name}={value};"
+            held[name] = value
+        lines.append(line)
+    text = "\n".join(lines)
+    if "_of[" in text:
+        text = "  double sin_of[LANES], cos_of[LANES];\n  circle(x + AT_ANGLES, sin_of, cos_of);\n" + text
+    return text
+
+
+def _bodies(routines: Sequence[_Routine]) -> tuple[str, list[str]]:
+    """What CasADi's generator writes: auxiliary functions, and the body of each routine."""
+    generator = ca.CodeGenerator("model.c", {"with_header": False})
+    for routine in routines:
+        generator.add(routine.function())
+    text = generator.dump()
+    auxiliary = "\n".join("INLINE " + each for each in re.findall(r"^casadi_real casadi_\w+\([^;{]*\) \{[^\n]*\}$", text, re.MULTILINE)) + "\n"
+    bodies = re.findall(r"^static int casadi_f\d+\([^{]*\{\n(.*?)\n  return 0;\n\}", text, re.MULTILINE | re.DOTALL)
+    if len(bodies) != len(routines):
+        raise NotImplementedError("the code that CasADi generates has an unknown form")
+    return auxiliary, bodies
+
+
+def _apply(name: str, matrix: ca.SX, inputs: Sequence[tuple[str, int]], output: str) -> str:
+    """C text of ``output = matrix * inputs`` for ``width`` columns, ``matrix`` sparse, its nonzeros in ``a``."""
+    rows, columns = matrix.sparsity().get_triplet()
+    source = [(part, row) for part, size in inputs for row in range(size)]
+    lines = []
+    for row in range(matrix.shape[0]):
+        terms = []
+        for k, (r, c) in enumerate(zip(rows, columns, strict=True)):
+            if r == row:
+                part, of = source[c]
+                terms.append(f"a[{k}] * {part}[{of} * width + k]")
+        lines.append(f"  for (int k = 0; k < width; k++) {output}[{row} * width + k] = {' + '.join(terms) or '0.0'};")
+    arguments = "".join(f", const double *restrict {part}" for part, _ in inputs)
+    return (
+        f"INLINE void {name}(const double *restrict a{arguments}, double *restrict {output}, const int width) {{\n"
+        + "\n".join(lines)
+        + "\n}\n"
+    )
+
+
+class _Model:
+    """The symbols of one place along the robot, and the routines made of them."""
+
+    def __init__(self, tubes: int, kind: LoadKind) -> None:
+        self.tubes, self.kind = tubes, kind
+        self.layout = StepColumns(tubes, 1, kind)
+        self.x = ca.SX.sym("x", State.size(tubes))
+        self.state = State.split(self.x, tubes)
+        self.turn, self.bent = ca.SX.sym("phi", 3), ca.SX.sym("u", 2)
+        self.frame = rotation_matrix(self.state.orientation)
+        self.turned_frame = self.frame @ (ca.SX.eye(3) + ca.skew(self.turn))
+        parts = {name: part.stop - part.start for name, part in self.layout.parts.items() if name != "length"}
+        self.data = {name: ca.SX.sym(name, size) for name, size in parts.items() if not name.startswith("point_")}
+        self.point = ca.SX.sym("point", sum(size for name, size in parts.items() if name.startswith("point_")))
+        self.column = ca.vertcat(0, *self.data.values(), self.point)
+        self.local = self.layout.local(self.column, 0, self.state)
+        q = self.state.orientation
+        #  body-frame turn of a change of the quaternion: dR = R hat(phi)
+        self.turn_of = (2 / ca.sumsqr(q)) * ca.vertcat(
+            ca.horzcat(-q[1], q[0], q[3], -q[2]),
+            ca.horzcat(-q[2], -q[3], q[0], q[1]),
+            ca.horzcat(-q[3], q[2], -q[1], q[0]),
+        )
+
+    def routines(self) -> list[_Routine]:
+        """Rates, their derivatives, and the effect of a point load."""
+        return [self._rates(), self._slopes(), self._drift(), self._behind(), self._behind_slopes()]
+
+    def products(self) -> str:
+        """The sparse products that belong to the derivatives."""
+        size = State.size(self.tubes)
+        return "".join(
+            (
+                _apply("apply_by_parts", self._by_parts(), [("along", size)], "part"),
+                _apply("apply_slopes", self._outer(), [("along", size), ("part", 5)], "out"),
+                _apply("apply_turn", self._turn_rows(), [("along", size)], "part"),
+                _apply("apply_behind", self._behind_outer(), [("along", size), ("part", 3)], "out"),
+            )
+        )
+
+    def _inputs(self) -> dict[str, Any]:
+        return {"x": self.x} | {f"data[{i}]": symbol for i, symbol in enumerate(self.data.values())}
+
+    def _rates(self) -> _Routine:
+        rate = rod.rates(self.state, self.local).joined()
+        return _Routine("rates", self._inputs(), {"rate": rate})
+
+    def _slopes(self) -> _Routine:
+        outputs = {"rate": rod.rates(self.state, self.local).joined()}
+        outputs |= {"inner": _nonzeros(self._by_parts()), "outer": _nonzeros(self._outer())}
+        return _Routine("slopes", self._inputs(), outputs)
+
+    def _turn_rows(self) -> ca.SX:
+        rows = ca.SX(3, State.size(self.tubes))
+        rows[:, State.parts(self.tubes)["orientation"]] = self.turn_of
+        return rows
+
+    def _by_parts(self) -> ca.SX:
+        """``(phi, du)`` of a change of the state."""
+        bent, _ = rod.curvature(self.state, self.local)
+        return ca.vertcat(self._turn_rows(), ca.jacobian(bent, self.x))
+
+    def _outer(self) -> ca.SX:
+        """Change of the rate with the state itself, ``phi`` and ``u``."""
+        rate = rod.rates_at(self.state, self.local, self.turned_frame, self.bent).joined()
+        bent, _ = rod.curvature(self.state, self.local)
+        matrix = ca.jacobian(rate, ca.vertcat(self.x, self.turn, self.bent))
+        return ca.sparsify(ca.substitute(matrix, ca.vertcat(self.turn, self.bent), ca.vertcat(ca.SX.zeros(3), bent)))
+
+    def _drift(self) -> _Routine:
+        """Change of the rate where a tube's precurvature goes on along the arc length, one column for each tube."""
+        rate = rod.rates(self.state, self.local).joined()
+        own, shift = self.data["precurvature"], ca.SX.sym("shift", 3 * self.tubes)
+        columns = []
+        for i in range(self.tubes):
+            seed = ca.SX.zeros(3 * self.tubes)
+            seed[3 * i : 3 * i + 3] = shift[3 * i : 3 * i + 3]
+            columns.append(ca.jtimes(rate, own, seed))
+        inputs = self._inputs() | {"shift": shift}
+        return _Routine("drift", inputs, {"change": ca.horzcat(*columns).T})
+
+    def _behind(self) -> _Routine:
+        load = self.layout.point_load(self.column, self.state)
+        return _Routine("behind", {"x": self.x, "point": self.point}, {"y": boundary.jump(self.state, *load).joined()})
+
+    def _behind_outer(self) -> ca.SX:
+        load = self.layout.point_load(self.column, self.state)
+        after = boundary.jump_at(self.state, *load, self.turned_frame).joined()
+        matrix = ca.jacobian(after, ca.vertcat(self.x, self.turn))
+        return ca.sparsify(ca.substitute(matrix, self.turn, ca.SX.zeros(3)))
+
+    def _behind_slopes(self) -> _Routine:
+        outputs = {"inner": _nonzeros(self._turn_rows()), "outer": _nonzeros(self._behind_outer())}
+        return _Routine("behind_slopes", {"x": self.x, "point": self.point}, outputs)
+
+    def constants(self) -> str:
+        """Sizes, the parts of a column, and where the parts of a state begin."""
+        tubes, layout = self.tubes, self.layout
+        nodal = {name: int(name not in _SHARED) for name in self.data}
+        sizes = {name: symbol.numel() for name, symbol in self.data.items()}
+        names = {
+            "TUBES": tubes,
+            "NX": State.size(tubes),
+            "NZ": len(boundary.tip_rows(tubes, self.kind.live)),
+            "LIVE": int(self.kind.live),
+            "PARTS": len(sizes),
+            "SHARED": sum(size for name, size in sizes.items() if not nodal[name]),
+            "AT_NODES": sum(size for name, size in sizes.items() if nodal[name]),
+            "POINT": self.point.numel(),
+            "INNER": self._by_parts().nnz(),
+            "OUTER": self._outer().nnz(),
+            "BEHIND_INNER": self._turn_rows().nnz(),
+            "BEHIND_OUTER": self._behind_outer().nnz(),
+            "LANES": 4 * ((tubes + 3) // 4),
+            "MOST_UNKNOWNS": State.size(tubes),
+            "MOST_STAGES": max(len(runge_kutta(name).nodes) for name in INTEGRATORS),
+        }
+        names |= {f"AT_{name.upper()}": part.start for name, part in State.parts(tubes).items()}
+        names |= {f"PART_{name.upper()}": k for k, name in enumerate(sizes)}
+        assert layout.size == 1 + names["SHARED"] + names["AT_NODES"] + names["POINT"]
+        text = f"#define BODY {int(self.kind.body)}\n"
+        text += f"enum {{ {', '.join(f'{name} = {value}' for name, value in names.items())} }};\n"
+        text += _array("int", "PART_SIZE", sizes.values()) + _array("int", "PART_AT_NODES", nodal.values())
+        return text + _array("int", "TIP_ROWS", boundary.tip_rows(tubes, self.kind.live))
+
+
+_CIRCLE = """/* Sines and cosines of the tubes' angles; the lanes to spare take what stands behind them in the state. */
+INLINE void circle(const double *restrict angles, double *restrict sines, double *restrict cosines) {
+  for (int i = 0; i < LANES; i++) {
+    sines[i] = model_sin(angles[i]);
+    cosines[i] = model_cos(angles[i]);
+  }
+}
+"""
+
+
+_SHARED = ("bending_stiffness", "torsional_stiffness", "unit")  # by all nodes of a step
+
+
+def _nonzeros(matrix: ca.SX) -> ca.SX:
+    return ca.densify(ca.vertcat(*matrix.nonzeros()))
+
+
+def _array(kind: str, name: str, values: Any) -> str:
+    numbers = [repr(value.item() if isinstance(value, np.generic) else value) for value in values]
+    return f"static const {kind} {name}[] = {{{', '.join(numbers)}}};\n"
+
+
+def _tableaus() -> str:
+    text = "typedef struct {\n  int stages;\n  const double *matrix, *weights, *nodes; /* matrix row by row */\n} Tableau;\n"
+    for name in INTEGRATORS:
+        rk = runge_kutta(name)
+        for part in ("matrix", "weights", "nodes"):
+            text += _array("double", f"{name}_{part}", getattr(rk, part).ravel())
+        text += f"static const Tableau {name} = {{{len(rk.nodes)}, {name}_matrix, {name}_weights, {name}_nodes}};\n"
+    return text
+
+
+def library_source(tubes: int, kind: LoadKind) -> str:
+    """The whole C source of the compiled solver for a number of tubes and a kind of loads."""
+    model = _Model(tubes, kind)
+    routines = model.routines()
+    auxiliary, bodies = _bodies(routines)
+    native = files("ctr_opt").joinpath("native")
+    parts = {name: native.joinpath(name).read_text(encoding="utf-8") for name in _DRIVER}
+    generated = [model.constants(), _CIRCLE, auxiliary]
+    generated += [routine.source(body) for routine, body in zip(routines, bodies, strict=True)]
+    generated += [model.products(), _tableaus()]
+    head = parts.pop("trigonometry.h")
+    return "\n".join((head, *generated, *parts.values()))
+
+
+@cache
+def content(tubes: int, kind: LoadKind) -> str:
+    """What tells one library's source from another's, without writing it: the code it is made by."""
+    digest = hashlib.sha256(f"{tubes} {kind} {ca.CasadiMeta.version()}".encode())
+    package = files("ctr_opt")
+    for folder in ("mechanics", "transcription", "native"):
+        for file in sorted(package.joinpath(folder).iterdir(), key=lambda entry: entry.name):
+            if file.name.endswith((".py", ".c", ".h")):
+                digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()
