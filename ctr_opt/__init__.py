@@ -41,5 +41,4 @@ from .solvers.newton import Newton as Newton
 from .solvers.status import SolveStatus as SolveStatus
 from .transcription.schemes import Collocation as Collocation
 from .transcription.schemes import MultipleShooting as MultipleShooting
-
-__version__ = "0.1.0"
+from .version import __version__ as __version__

@@ -35,5 +35,9 @@ class SolveError(CtrOptError, RuntimeError):
         self.result = result
 
 
+class CompilationError(CtrOptError, RuntimeError):
+    """C code was not compiled or not loaded: the message ends with the compiler's last lines."""
+
+
 class NestingWarning(UserWarning):
     """An inner tube is wider than the bore of the tube around it."""
