@@ -91,8 +91,11 @@ class ForwardProblem:
         )
         self.compiled = compiled if compiled is None else flag(compiled, "compiled")
         self._compiled: dict[bool, CompiledProblem] = {}
-        if compiled:
+        if self.compiled:
             self.compile()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_compiled": {}}  # libraries are of this process
 
     def compile(self) -> None:
         """Compile the solver for robots with as many tubes, unless it was before; seconds the first time on a machine.

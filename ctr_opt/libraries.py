@@ -38,10 +38,12 @@ class Library:
 
     def _look(self) -> None:
         self._asked += 1
+        if compilation.on_request_only():
+            return
         if self._asked == 1:
             found = compilation.kept(self._name, content(*self._arguments))
             self._native = None if found is None else Native(found)
-        elif self._asked == _ENOUGH and compilation.wanted():
+        elif self._asked == _ENOUGH and compilation.compiler() is not None:
             text = library_source(*self._arguments)  # here and not in the thread: CasADi's symbols are of one thread
             self._build = compilation.start(self._name, lambda: text, content(*self._arguments))
         elif self._build is not None and self._build.ready():

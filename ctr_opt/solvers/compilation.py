@@ -21,6 +21,7 @@ import casadi as ca
 from ..errors import CompilationError as CompilationError
 from ..version import __version__
 from .compiler import FLAGS, TUNINGS, leaving, private_directory, required, switched_off
+from .compiler import on_request_only as on_request_only
 from .compiler import Compiler as Compiler
 from .compiler import compiler as compiler
 from .library_cache import DIRECTORY, Entry, cache_directory
@@ -30,7 +31,7 @@ _loaded: dict[str, ctypes.CDLL] = {}  # by key
 _said: dict[str, object] = {}
 
 
-def load(name: str, source: str) -> ctypes.CDLL:
+def load(name: str, source: str | Callable[[], str], content: str | None = None) -> ctypes.CDLL:
     """The library compiled from C ``source``: from this process, from the cache on disk, or compiled now.
 
     Of processes that start at once one compiles, and the others wait for it. A cache that cannot be used or trusted
@@ -41,7 +42,9 @@ def load(name: str, source: str) -> ctypes.CDLL:
     name
         A word for the file's name, to tell entries apart when looking at them.
     source
-        C11, with the functions to call exported (CasADi's generated code does that).
+        C11, with the functions to call exported; or a function that writes it, called where it must be compiled.
+    content
+        What tells this source from others, needed with a function; default: the source itself.
 
     Raises
     ------
@@ -55,13 +58,37 @@ def load(name: str, source: str) -> ctypes.CDLL:
     ...     assert library.answer() == 42
     """
     found = required()
-    key = _key(source, found)
+    key = _key(_content(source, content), found)
     if key not in _loaded:
         _loaded[key] = _load(name, key, source, found)
     return _loaded[key]
 
 
-def _load(name: str, key: str, source: str, found: Compiler) -> ctypes.CDLL:
+def kept(name: str, content: str) -> ctypes.CDLL | None:
+    """The library of this content if it was compiled before; nothing is compiled, written or logged."""
+    found = compiler()
+    if found is None:
+        return None
+    key = _key(content, found)
+    if key not in _loaded:
+        try:
+            library = Entry(cache_directory(), name, key).load()
+        except OSError:
+            return None
+        if library is None:
+            return None
+        _loaded[key] = library
+    return _loaded[key]
+
+
+def _content(source: str | Callable[[], str], content: str | None) -> str:
+    if content is not None:
+        return content
+    assert isinstance(source, str)
+    return source
+
+
+def _load(name: str, key: str, source: str | Callable[[], str], found: Compiler) -> ctypes.CDLL:
     try:
         entry = Entry(cache_directory(), name, key)
         library = entry.load()
@@ -71,9 +98,13 @@ def _load(name: str, key: str, source: str, found: Compiler) -> ctypes.CDLL:
     return library or _build(entry, source, found)
 
 
-def _build(entry: Entry | None, source: str, found: Compiler) -> ctypes.CDLL:
+def _build(entry: Entry | None, source: str | Callable[[], str], found: Compiler) -> ctypes.CDLL:
     """Compile in a private directory, into which no other process looks, and keep the result if possible."""
     built = None
+
+    def build() -> Path:
+        return found.build(source if isinstance(source, str) else source(), directory)
+
     with private_directory() as directory:
         if entry is not None:
             try:
@@ -81,11 +112,11 @@ def _build(entry: Entry | None, source: str, found: Compiler) -> ctypes.CDLL:
                     library = entry.load()  # another process may have built it meanwhile
                     if library is not None:
                         return library
-                    built = found.build(source, directory)
+                    built = build()
                     return entry.store(built)
             except OSError as error:
                 _cannot_keep(error)
-        built = built or found.build(source, directory)
+        built = built or build()
         try:
             return ctypes.CDLL(str(built))  # stays loaded when its file is removed
         except OSError as error:
@@ -123,14 +154,14 @@ class Build:
     A process forked meanwhile has no such thread and starts its own when it asks; so does a copy by pickle.
     """
 
-    def __init__(self, name: str, source: Callable[[], str]) -> None:
-        self._name, self._source = name, source
+    def __init__(self, name: str, source: Callable[[], str], content: str | None = None) -> None:
+        self._name, self._source, self._content = name, source, content
         self._library: ctypes.CDLL | None = None
         self.error: Exception | None = None
         self._begin()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Build, (self._name, self._source)
+        return Build, (self._name, self._source, self._content)
 
     def _begin(self) -> None:
         self._process = os.getpid()
@@ -143,7 +174,7 @@ class Build:
     def _work(self) -> None:
         try:
             required()  # before the source is written in vain
-            self._library = load(self._name, self._source())
+            self._library = load(self._name, self._source if self._content else self._source(), self._content)
         except Exception as error:
             self._fail(error)
 
@@ -170,9 +201,9 @@ class Build:
         return self._library
 
 
-def start(name: str, source: Callable[[], str]) -> Build:
+def start(name: str, source: Callable[[], str], content: str | None = None) -> Build:
     """Build the library of the C text that ``source`` returns, in the background; see :func:`load`."""
-    return Build(name, source)
+    return Build(name, source, content)
 
 
 def _warn_once(message: str) -> None:

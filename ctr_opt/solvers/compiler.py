@@ -20,11 +20,12 @@ import attrs
 
 from ..errors import CompilationError
 
-SWITCH = "CTR_OPT_COMPILE"  # environment variable: "0" switches compilation off
+SWITCH = "CTR_OPT_COMPILE"  # environment variable: "0" switches compilation off, "request" compiles only when asked to
 FLAGS = (
     *("-O3", "-std=c11", "-shared", *(() if os.name == "nt" else ("-fPIC",))),
     # Fused multiply-add, which -std=c11 forbids, gains a fifth. Never -ffast-math: it removes the checks for NaN.
-    *("-fno-math-errno", "-ffp-contract=fast"),
+    # No rounding is trapped, so that the compiler may round and compare several numbers at once.
+    *("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast"),
 )
 TUNINGS = ("-march=native", "-mcpu=native")  # the first that the compiler and its assembler accept is used
 
@@ -84,6 +85,11 @@ SUFFIX = ".dll" if os.name == "nt" else ".so"
 def switched_off() -> bool:
     """Whether the environment forbids compilation."""
     return os.environ.get(SWITCH, "").strip() == "0"
+
+
+def on_request_only() -> bool:
+    """Whether the environment forbids compilation but where it is asked for."""
+    return os.environ.get(SWITCH, "").strip() == "request"
 
 
 def required() -> Compiler:

@@ -50,7 +50,9 @@ class RobotTable:
         self._arrays = {
             "bending": np.array([tube.bending_stiffness for tube in robot.tubes]),
             "torsional": np.array([tube.torsional_stiffness for tube in robot.tubes]),
-            "pieces": np.concatenate(([0], np.cumsum([shape.coefficients.shape[1] for shape in shapes]))).astype(np.intc),
+            "pieces": np.concatenate(([0], np.cumsum([shape.coefficients.shape[1] for shape in shapes]))).astype(
+                np.intc
+            ),
             "breaks": np.concatenate([shape.breaks for shape in shapes]),
             "coefficients": np.concatenate([c.transpose(1, 0, 2).ravel() for c in padded]),
             "position": robot.base_pose[:3, 3].copy(),
@@ -85,7 +87,9 @@ class LoadRows:
             elif isinstance(load, Gravity):
                 weights = [(i, tube.mass_per_length * load.acceleration) for i, tube in enumerate(robot.tubes)]
                 spans += [(0.0, np.nan, i, 0.0, *weight, 0.0, 0.0, 0.0) for i, weight in weights if weight.any()]
-            elif isinstance(load, DistributedLoad) and all(isinstance(f, np.ndarray) for f in (load.force, load.moment)):
+            elif isinstance(load, DistributedLoad) and all(
+                isinstance(f, np.ndarray) for f in (load.force, load.moment)
+            ):
                 spans.append(_row(load.start, load.end, load, load.force, load.moment))
             else:
                 return None

@@ -49,8 +49,10 @@ class _Routine:
         body = _trigonometry(body)
         if "arg[" in body or "res[" in body:
             raise NotImplementedError(f"the generated code of {self.name} has an unknown form")
-        pointers = {name.split("[")[0]: "const double *const *" if "[" in name else "const double *restrict "
-                    for name in self.inputs}
+        pointers = {
+            name.split("[")[0]: "const double *const *" if "[" in name else "const double *restrict "
+            for name in self.inputs
+        }
         arguments = [f"{kind}{name}" for name, kind in pointers.items()]
         arguments += [f"double *restrict {name}" for name in self.outputs]
         return f"static void {self.name}({', '.join(arguments)}) {{\n{body}\n}}\n"
@@ -84,7 +86,13 @@ def _bodies(routines: Sequence[_Routine]) -> tuple[str, list[str]]:
     for routine in routines:
         generator.add(routine.function())
     text = generator.dump()
-    auxiliary = "\n".join("INLINE " + each for each in re.findall(r"^casadi_real casadi_\w+\([^;{]*\) \{[^\n]*\}$", text, re.MULTILINE)) + "\n"
+    auxiliary = (
+        "\n".join(
+            "INLINE " + each
+            for each in re.findall(r"^casadi_real casadi_\w+\([^;{]*\) \{[^\n]*\}$", text, re.MULTILINE)
+        )
+        + "\n"
+    )
     bodies = re.findall(r"^static int casadi_f\d+\([^{]*\{\n(.*?)\n  return 0;\n\}", text, re.MULTILINE | re.DOTALL)
     if len(bodies) != len(routines):
         raise NotImplementedError("the code that CasADi generates has an unknown form")
@@ -120,7 +128,7 @@ class _Model:
         self.x = ca.SX.sym("x", State.size(tubes))
         self.state = State.split(self.x, tubes)
         self.turn, self.bent = ca.SX.sym("phi", 3), ca.SX.sym("u", 2)
-        self.frame = rotation_matrix(self.state.orientation)
+        self.frame = ca.SX.sym("R", 3, 3)
         self.turned_frame = self.frame @ (ca.SX.eye(3) + ca.skew(self.turn))
         parts = {name: part.stop - part.start for name, part in self.layout.parts.items() if name != "length"}
         self.data = {name: ca.SX.sym(name, size) for name, size in parts.items() if not name.startswith("point_")}
@@ -178,7 +186,13 @@ class _Model:
         rate = rod.rates_at(self.state, self.local, self.turned_frame, self.bent).joined()
         bent, _ = rod.curvature(self.state, self.local)
         matrix = ca.jacobian(rate, ca.vertcat(self.x, self.turn, self.bent))
-        return ca.sparsify(ca.substitute(matrix, ca.vertcat(self.turn, self.bent), ca.vertcat(ca.SX.zeros(3), bent)))
+        return self._there(ca.substitute(matrix, self.bent, bent))
+
+    def _there(self, matrix: ca.SX) -> ca.SX:
+        """A derivative by parts at the state itself."""
+        frame = rotation_matrix(self.state.orientation)
+        symbols = ca.vertcat(self.turn, ca.vec(self.frame))
+        return ca.sparsify(ca.substitute(matrix, symbols, ca.vertcat(ca.SX.zeros(3), ca.vec(frame))))
 
     def _drift(self) -> _Routine:
         """Change of the rate where a tube's precurvature goes on along the arc length, one column for each tube."""
@@ -199,8 +213,7 @@ class _Model:
     def _behind_outer(self) -> ca.SX:
         load = self.layout.point_load(self.column, self.state)
         after = boundary.jump_at(self.state, *load, self.turned_frame).joined()
-        matrix = ca.jacobian(after, ca.vertcat(self.x, self.turn))
-        return ca.sparsify(ca.substitute(matrix, self.turn, ca.SX.zeros(3)))
+        return self._there(ca.jacobian(after, ca.vertcat(self.x, self.turn)))
 
     def _behind_slopes(self) -> _Routine:
         outputs = {"inner": _nonzeros(self._turn_rows()), "outer": _nonzeros(self._behind_outer())}
@@ -250,8 +263,8 @@ INLINE void circle(const double *restrict angles, double *restrict sines, double
 _SHARED = ("bending_stiffness", "torsional_stiffness", "unit")  # by all nodes of a step
 
 
-def _nonzeros(matrix: ca.SX) -> ca.SX:
-    return ca.densify(ca.vertcat(*matrix.nonzeros()))
+def _nonzeros(matrix: ca.SX) -> Any:
+    return ca.densify(matrix.nz[:])
 
 
 def _array(kind: str, name: str, values: Any) -> str:
