@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import threading
 from functools import cached_property
 from time import perf_counter
@@ -16,7 +17,7 @@ from .robot.checks import Array
 from .robot.loads import Load
 from .robot.robot import Robot
 from .settings import Settings
-from .solvers.native import LoadRows, Native, RobotTable
+from .solvers.native import Goal, LoadRows, Native, RobotTable
 from .solvers.status import SolveStatus
 from .transcription.shape import Shape
 from .transcription.shooting import Nodes
@@ -31,9 +32,11 @@ class CompiledProblem:
         self.robot = robot
         self.native = native
         self._robot = RobotTable(robot)
-        self._tolerances = (settings.tolerance, settings.residual_tolerance)
+        self._address = self._robot.address
         self._tubes = len(robot.tubes)
         self._size = native.size(_STEPS)
+        self._tolerances = Goal(settings.tolerance, settings.residual_tolerance)
+        self._goal = ctypes.addressof(self._tolerances)
         self._mine = threading.local()
 
     def solve(
@@ -41,37 +44,72 @@ class CompiledProblem:
     ) -> CompiledEquilibrium | None:
         """An equilibrium from another one, or from nothing."""
         begin = perf_counter()
-        start = None
-        if initial is not None:
-            start = start_of(initial, self.native)
-            if start is None:
-                return None
+        start = None if initial is None else self._start(initial)
         rows, inputs = self._inputs(actuation, loads)
-        if rows is None:
+        if rows is None or (start is None and initial is not None):
             return None
         while True:
             numbers = np.empty(self._size)
-            result = (*self._tolerances, numbers.ctypes.data, numbers.size)
+            address = numbers.ctypes.data
             if start is None:
-                failed = self.native.cold(self._robot.address, rows.address, inputs, *result)
+                failed = self.native.cold(self._address, rows.address, inputs, self._goal, address, self._size)
             else:
-                failed = self.native.warm(self._robot.address, rows.address, inputs, start, *result)
+                failed = self.native.warm(self._address, rows.address, inputs, start, self._goal, address, self._size)
             if not failed:
-                break
+                return CompiledEquilibrium(self, actuation, loads, numbers, address, perf_counter() - begin)
             if failed != Native.TOO_SMALL:
                 return None
             self._size = 2 * int(numbers[Native.NEEDED])
-        return CompiledEquilibrium(self, actuation, loads, numbers, start is None, perf_counter() - begin)
+
+    def _start(self, initial: Equilibrium) -> int | None:
+        """Address of the numbers that a solve starts from; None where it cannot start from this equilibrium."""
+        if isinstance(initial, CompiledEquilibrium):
+            return initial.start if initial.unknowns == self.native.unknowns else None
+        jacobian = initial.shooting_jacobian
+        if jacobian is None or len(jacobian) != self.native.unknowns:
+            return None
+        configuration = initial.configuration
+        scales = configuration.scales
+        unknowns = initial.last_iterate.unknowns(scales, configuration.kind.live)
+        block = np.concatenate((unknowns, jacobian.ravel(), [scales.moment, scales.force]))
+        self._mine.block = block  # kept until the solve is over
+        return int(block.ctypes.data)
+
+    def solve_many(
+        self, actuations: Array, loads: list[tuple[Load, ...]], initial: Equilibrium | None, chained: bool
+    ) -> list[CompiledEquilibrium | None]:
+        """The equilibria of many rows; None for those that must take the slower way."""
+        count, size = len(actuations), self._size
+        tables: dict[int, LoadRows] = {}
+        for each in loads:
+            if id(each) not in tables:
+                table = LoadRows.of(self.robot, each)
+                if table is None:
+                    return [None] * count
+                tables[id(each)] = table
+        addresses = np.array([tables[id(each)].address for each in loads], dtype=np.uintp)
+        start = None if initial is None else self._start(initial)
+        numbers, failed = np.empty((count, size)), np.empty(count, dtype=np.intc)
+        begin, first = perf_counter(), numbers.ctypes.data
+        case = (self._address, addresses.ctypes.data, actuations.ctypes.data, count)
+        self.native.many(*case, start, chained, self._goal, first, size, failed.ctypes.data)
+        seconds = (perf_counter() - begin) / max(count, 1)
+        tubes = self._tubes
+        return [
+            CompiledEquilibrium(self, (row[:tubes], row[tubes:]), loads[k], numbers[k], first + 8 * size * k, seconds)
+            if not failed[k]
+            else None
+            for k, row in enumerate(actuations)
+        ]
 
     def derive(self, of: CompiledEquilibrium, tube: int) -> tuple[Array, Array] | None:
         """The tip's pose rates with actuation ``(6, 2n)`` and with a wrench at the tip of a tube ``(6, 6)``."""
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
         jacobian, compliance = np.empty((6, 2 * self._tubes)), np.empty((6, 6))
-        unknowns = of.numbers.ctypes.data + 8 * self.native.header
-        refinements = int(of.numbers[Native.REFINEMENTS])
+        refinements = int(of._numbers[Native.REFINEMENTS])
         outputs = (refinements, tube, jacobian.ctypes.data, compliance.ctypes.data)
-        failed = self.native.derive(self._robot.address, rows.address, inputs, unknowns, *outputs)
+        failed = self.native.derive(self._address, rows.address, inputs, of.start, *outputs)
         return None if failed else (jacobian, compliance)
 
     def _inputs(self, actuation: Actuation, loads: tuple[Load, ...]) -> tuple[LoadRows | None, int]:
@@ -95,36 +133,49 @@ class CompiledEquilibrium(Equilibrium):
     def __init__(
         self,
         problem: CompiledProblem,
-        actuation: Actuation,
+        actuation: Actuation | tuple[Array, Array],
         loads: tuple[Load, ...],
         numbers: Array,
-        cold: bool,
+        address: int,
         solve_time: float,
     ) -> None:
+        native = problem.native
         self._problem: CompiledProblem | None = problem
-        self._given = (problem.robot, actuation, loads)
-        self.numbers = numbers
-        self._how = ("homotopy" if cold else "newton from initial", solve_time)
-        self._sizes = (problem.native.header, problem.native.start, problem.native.unknowns, problem.native.states)
+        self._robot, self._actuation, self._loads = problem.robot, actuation, loads
+        self._numbers = numbers
+        self._time = solve_time
+        self._sizes = (native.header, native.start, native.unknowns, native.states)
         self._last = None
+        self.start = address + 8 * native.header
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_problem": None}  # the library is of this process
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.start = self._numbers.ctypes.data + 8 * self._sizes[0]
+
+    @property
+    def unknowns(self) -> int:
+        """How many numbers at the entry point were unknown."""
+        return self._sizes[2]
+
     @property
     def robot(self) -> Robot:
         """The robot."""
-        return self._given[0]
+        return self._robot
 
     @property
     def actuation(self) -> Actuation:
         """Its actuation."""
-        return self._given[1]
+        if isinstance(self._actuation, tuple):
+            self._actuation = Actuation(*self._actuation)
+        return self._actuation
 
     @property
     def loads(self) -> tuple[Load, ...]:
         """The loads on it."""
-        return self._given[2]
+        return self._loads
 
     @property
     def status(self) -> SolveStatus:
@@ -134,41 +185,40 @@ class CompiledEquilibrium(Equilibrium):
     @property
     def length(self) -> float:
         """Arc length from the entry point to the tip, m."""
-        return float(self.numbers[Native.LENGTH])
+        return float(self._numbers[Native.LENGTH])
 
     @cached_property
     def _configuration(self) -> Configuration:  # type: ignore[override]
-        return Configuration(*self._given)
+        return Configuration(self.robot, self.actuation, self.loads)
 
     @property
-    def _start(self) -> Array:
+    def _block(self) -> Array:
         header, start, _, _ = self._sizes
-        return self.numbers[header : header + start]
+        return self._numbers[header : header + start]
 
     @cached_property
     def _base(self) -> BaseMoments:  # type: ignore[override]
         unknowns = self._sizes[2]
-        return BaseMoments.of(self._start[:unknowns], self._configuration.scales, len(self.robot.tubes))
+        return BaseMoments.of(self._block[:unknowns], self._configuration.scales, len(self.robot.tubes))
 
     @cached_property
     def _outcome(self) -> Outcome:  # type: ignore[override]
         unknowns = self._sizes[2]
-        path, solve_time = self._how
         return Outcome(
             SolveStatus.CONVERGED,
-            path,
-            iterations=int(self.numbers[Native.ITERATIONS]),
-            solve_time=solve_time,
-            residual_norm=float(self.numbers[Native.RESIDUAL]),
-            discretization_error=float(self.numbers[Native.ERROR]) * self.length,
-            jacobian=self._start[unknowns : unknowns + unknowns**2].reshape(unknowns, unknowns),
+            "homotopy" if self._numbers[Native.COLD] else "newton from initial",
+            iterations=int(self._numbers[Native.ITERATIONS]),
+            solve_time=self._time,
+            residual_norm=float(self._numbers[Native.RESIDUAL]),
+            discretization_error=float(self._numbers[Native.ERROR]) * self.length,
+            jacobian=self._block[unknowns : unknowns + unknowns**2].reshape(unknowns, unknowns),
         )
 
     @cached_property
     def _solved_shape(self) -> Shape:  # type: ignore[override]
         header, start, _, states = self._sizes
-        steps = int(self.numbers[Native.STEPS])
-        blocks = np.split(self.numbers[header + start :], np.cumsum((2 * steps, states * (steps + 1), states * steps)))
+        steps = int(self._numbers[Native.STEPS])
+        blocks = np.split(self._numbers[header + start :], np.cumsum((2 * steps, states * (steps + 1), states * steps)))
         right, left = (block.reshape(-1, states).T for block in blocks[1:3])
         return Shape(self._configuration, blocks[0].reshape(steps, 2), Nodes(right[:, :steps], left, right[:, steps]))
 
@@ -176,23 +226,6 @@ class CompiledEquilibrium(Equilibrium):
     def tip_position(self) -> Array:
         """Position at ``s = length``, m, world frame."""
         header, start, _, states = self._sizes
-        steps = int(self.numbers[Native.STEPS])
+        steps = int(self._numbers[Native.STEPS])
         first = header + start + 2 * steps + states * steps
-        return self.numbers[first : first + 3] * self.length
-
-
-def start_of(initial: Equilibrium, native: Native) -> int | None:
-    """Address of the numbers that a solve starts from; None where it cannot start from this equilibrium."""
-    if isinstance(initial, CompiledEquilibrium):
-        if initial._sizes[2] != native.unknowns:
-            return None
-        return int(initial.numbers.ctypes.data) + 8 * native.header
-    jacobian = initial.shooting_jacobian
-    if jacobian is None or len(jacobian) != native.unknowns:
-        return None
-    configuration = initial.configuration
-    scales = configuration.scales
-    unknowns = initial.last_iterate.unknowns(scales, configuration.kind.live)
-    block = np.concatenate((unknowns, jacobian.ravel(), [scales.moment, scales.force]))
-    initial.__dict__["_compiled_start"] = block  # kept as long as the equilibrium, so that the address stays good
-    return int(block.ctypes.data)
+        return self._numbers[first : first + 3] * self.length

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from .compiled import CompiledEquilibrium, CompiledProblem
+from .batch import Batch, rows_of_actuations, rows_of_loads
+from .compiled import CompiledProblem
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .errors import DefinitionError, SolveError
 from .libraries import library
@@ -90,6 +91,7 @@ class ForwardProblem:
             transcription or Collocation(),
         )
         self.compiled = compiled if compiled is None else flag(compiled, "compiled")
+        self._compilable = self.compiled is not False and self.settings.compilable
         self._compiled: dict[bool, CompiledProblem] = {}
         if self.compiled:
             self.compile()
@@ -111,22 +113,21 @@ class ForwardProblem:
         """
         library(len(self.robot.tubes), False).built()
 
-    def _by_compiled_code(
-        self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium | None
-    ) -> CompiledEquilibrium | None:
-        """The answer of the compiled solver; None where there is none yet, or the slower way must be taken."""
-        if self.compiled is False or not self.settings.compilable or type(actuation) is not Actuation:
+    def _by_compiled_code(self, loads: Iterable[Load]) -> CompiledProblem | None:
+        """The compiled solver for such loads; None where it is not there, or not wanted."""
+        if not self._compilable:
             return None
-        if len(actuation.rotations) != len(self.robot.tubes):
-            return None
-        body = any(getattr(load, "frame", "world") == "body" for load in loads)
+        body = False
+        for load in loads:
+            if getattr(load, "frame", None) == "body":
+                body = True
         problem = self._compiled.get(body)
         if problem is None:
             native = library(len(self.robot.tubes), body).ready()
             if native is None:
                 return None
             problem = self._compiled[body] = CompiledProblem(self.robot, self.settings, native)
-        return problem.solve(actuation, loads, initial)
+        return problem
 
     def solve(
         self,
@@ -159,14 +160,73 @@ class ForwardProblem:
         loads = _as_loads(loads)
         if initial is not None:
             _check_initial(initial, self.robot)
-        found = self._by_compiled_code(actuation, loads, initial)
-        if found is not None:
-            return found
+        fast = self._by_compiled_code(loads)
+        if fast is not None and isinstance(actuation, Actuation) and len(actuation.rotations) == len(self.robot.tubes):
+            found = fast.solve(actuation, loads, initial)
+            if found is not None:
+                return found
         configuration = self.check(actuation, loads)
         result = Run(self.settings, configuration).solve(initial)
         if throw and not result.converged:
             raise SolveError(result.message, result)
         return result
+
+    def solve_many(
+        self,
+        actuations: Sequence[Actuation] | tuple[Any, Any],
+        loads: Sequence[Any] = (),
+        initial: Equilibrium | None = None,
+        *,
+        chained: bool = True,
+    ) -> Batch:
+        """Solve many actuations in one call; what fails is marked and does not stop the others.
+
+        Parameters
+        ----------
+        actuations
+            The actuations, or a pair of arrays: rotations and translations, ``(k, tubes)`` each, rad and m.
+        loads
+            One list of loads for all rows, or a list of them for each row.
+        initial
+            An equilibrium to start the first row from; default: a cold start.
+        chained
+            Each row starts from the one before, as along a path of the robot (cold where that fails). ``False``: every
+            row starts from ``initial``, or from nothing, whatever the others are.
+
+        Raises
+        ------
+        DefinitionError
+            Arrays of wrong shapes, rows that are no actuations, a load beyond its tube in some row, and the like.
+
+        Examples
+        --------
+        >>> import numpy as np, ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> turned = (np.linspace(0.0, 1.0, 5)[:, None], np.zeros((5, 1)))
+        >>> ctr.ForwardProblem(ctr.Robot([tube])).solve_many(turned)
+        <Batch of 5 equilibria, 0 failed>
+        """
+        rows, objects = rows_of_actuations(actuations, len(self.robot.tubes))
+        every = rows_of_loads(loads, len(rows))
+        if initial is not None:
+            _check_initial(initial, self.robot)
+        fast = self._by_compiled_code(load for each in every for load in each)
+        found: list[Any] = [None] * len(rows) if fast is None else fast.solve_many(rows, every, initial, chained)
+        tubes, before = len(self.robot.tubes), initial
+        for k, row in enumerate(rows):
+            if found[k] is None:
+                actuation = Actuation(row[:tubes], row[tubes:]) if objects is None else objects[k]
+                found[k] = self._solve_row(actuation, every[k], before)
+            if chained and found[k].converged:
+                before = found[k]
+        return Batch(found)
+
+    def _solve_row(self, actuation: Actuation, loads: tuple[Load, ...], before: Equilibrium | None) -> Equilibrium:
+        if before is not None:
+            found = self.solve(actuation, loads, before, throw=False)
+            if found.converged:
+                return found
+        return self.solve(actuation, loads, throw=False)
 
     def check(self, actuation: Actuation, loads: Sequence[Load] = ()) -> Configuration:
         """Check actuation and loads without solving; returns them as numbers along the arc length.

@@ -7,12 +7,17 @@
 #endif
 
 enum { /* a result: numbers, then blocks */
-  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_STIFFNESS, R_REFINEMENTS, R_TIED, R_NEEDED, R_UNSTABLE, R_MARGIN,
+  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_STIFFNESS, R_REFINEMENTS, R_TIED, R_NEEDED, R_COLD, R_UNSTABLE,
   HEADER = 16,
   START = NZ + NZ * NZ + 2, /* the block that a solve may start from: unknowns, Jacobian, units of moment and force */
 };
 
+typedef struct {
+  double error, residual; /* to be met: of positions over the length, and of the scaled tip conditions */
+} Goal;
+
 static const int MOST_REFINEMENTS = 3;
+static const double NEARLY = 1e-6; /* residual from which Newton's method needs one more step */
 
 /* For Python to check that it reads what is written here. */
 EXPORT int sizes(int *out) {
@@ -22,39 +27,41 @@ EXPORT int sizes(int *out) {
 }
 
 /* A solve on ever finer meshes, from z near the solution on the first, until the estimated error meets the tolerance. */
-static int refine(Layout *layout, double *z, double tolerance, double residual_tolerance, double *result, long capacity,
-                  int iterations) {
-  Layout now = *layout, next;
+static int refine(const Case *first, double *z, const Goal *goal, int iterations, double *result, long capacity) {
+  Case now = *first, halves;
   for (int refinements = 0; refinements <= MOST_REFINEMENTS; refinements++) {
-    Case c, halves;
-    int failed = halve(&now, &next);
-    if (!failed) failed = pack(&now, &RK8, &c);
-    if (!failed) failed = pack(&next, &RK8, &halves);
+    Layout *finer = take(sizeof *finer);
+    int failed = finer ? halve(now.layout, finer) : NO_MEMORY;
+    if (!failed) failed = pack(finer, &RK8, &halves);
     if (failed) return failed;
-    const long n = now.steps, needed = HEADER + START + 2 * n + NX * (2 * n + 1);
-    result[R_NEEDED] = needed;
-    if (needed > capacity) return TOO_SMALL;
-    double *out = result + HEADER;
-    double *mesh = out + START;
+    const long n = now.track.steps, needed = HEADER + START + 2 * n + NX * (2 * n + 1);
+    if (needed > capacity) {
+      result[R_NEEDED] = needed;
+      return TOO_SMALL;
+    }
+    double *out = result + HEADER, *mesh = out + START;
     Found found = {.iterations = iterations, .right = mesh + 2 * n, .left = mesh + 2 * n + NX * (n + 1)};
     memcpy(found.z, z, sizeof found.z);
-    failed = finish(&c, &halves, residual_tolerance, &found);
+    failed = finish(&now, &halves, goal->residual, &found);
     if (failed) return failed;
     memcpy(z, found.z, sizeof found.z);
     iterations = found.iterations;
-    if (found.error > tolerance) {
-      now = next;
+    if (found.error > goal->error) {
+      now = halves;
       continue;
     }
-    const double header[] = {iterations, found.residual, found.error, n, now.length, now.stiffness, refinements, now.tied};
+    const Layout *layout = now.layout;
+    const double header[] = {iterations, found.residual, found.error, n, layout->length, layout->stiffness, refinements,
+                             layout->tied};
     memcpy(result, header, sizeof header);
     memcpy(out, found.z, sizeof found.z);
     memcpy(out + NZ, found.jacobian, sizeof found.jacobian);
-    out[START - 2] = moment_scale(&now);
-    out[START - 1] = force_scale(&now);
+    result[R_COLD] = 0.0;
+    out[START - 2] = moment_scale(layout);
+    out[START - 1] = force_scale(layout);
     for (long k = 0; k < n; k++) {
-      mesh[2 * k] = now.step[k].start;
-      mesh[2 * k + 1] = now.step[k].end;
+      mesh[2 * k] = layout->step[k].start;
+      mesh[2 * k + 1] = layout->step[k].end;
     }
     return 0;
   }
@@ -62,8 +69,8 @@ static int refine(Layout *layout, double *z, double tolerance, double residual_t
 }
 
 /* From an equilibrium nearby: the block `start` of its result. */
-EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation, const double *start, double tolerance,
-                double residual_tolerance, double *result, long capacity) {
+EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation, const double *start, const Goal *goal,
+                double *result, long capacity) {
   empty();
   Layout layout;
   Case c;
@@ -80,30 +87,45 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
   }
   if (inverse(NZ, before, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
   int sweeps = 0;
-  failed = approach(&c, z, inverse_, 1e-6, &sweeps);
-  if (!failed) failed = refine(&layout, z, tolerance, residual_tolerance, result, capacity, sweeps);
+  failed = approach(&c, z, inverse_, NEARLY, &sweeps);
+  if (!failed) failed = refine(&c, z, goal, sweeps, result, capacity);
   if (!failed && !regular_between(before, result + HEADER + NZ)) failed = PERHAPS_ANOTHER_BRANCH;
   return failed;
 }
 
-/* From nothing: a coarse integrator follows the path from the straight robot, the fine one finishes. */
-EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation, double tolerance,
-                double residual_tolerance, double *result, long capacity) {
+/* From nothing: a coarse integrator follows the path from the straight robot and the fine one finishes; where that is too
+   coarse, the fine one does both. */
+EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation, const Goal *goal, double *result,
+                long capacity) {
   empty();
   Layout layout;
-  Case coarse;
-  int failed = lay_out(robot, loads, actuation, &layout);
+  Case coarse, fine;
+  int failed = lay_out(robot, loads, actuation, &layout), iterations = 0;
   if (!failed) failed = pack(&layout, &RK4, &coarse);
+  if (!failed) failed = pack(&layout, &RK8, &fine);
   if (failed) return failed;
-  double z[NZ];
-  int iterations = 0;
-  failed = follow(&coarse, z, &iterations);
-  if (!failed) failed = refine(&layout, z, tolerance, residual_tolerance, result, capacity, iterations);
-  if (!failed || failed == TOO_SMALL) return failed;
-  Case fine; /* the coarse integrator was too coarse */
-  failed = pack(&layout, &RK8, &fine);
-  if (!failed) failed = follow(&fine, z, &iterations);
-  return failed ? failed : refine(&layout, z, tolerance, residual_tolerance, result, capacity, iterations);
+  for (const Case *path = &coarse; path; path = path == &coarse ? &fine : NULL) {
+    double z[NZ];
+    failed = follow(path, z, &iterations);
+    if (!failed) failed = refine(&fine, z, goal, iterations, result, capacity);
+    if (!failed || failed == TOO_SMALL) break;
+  }
+  if (!failed) result[R_COLD] = 1.0;
+  return failed;
+}
+
+/* Many solves, each from the one before if `chained`, else from `first`, and where that fails or is NULL from nothing.
+   Results stand `size` numbers apart; `failed` says of each what a single call would return. */
+EXPORT void many(const Robot *robot, const Loads *const *loads, const double *actuations, long count, const double *first,
+                 int chained, const Goal *goal, double *results, long size, int *failed) {
+  const double *start = first;
+  for (long k = 0; k < count; k++) {
+    double *result = results + k * size;
+    const double *actuation = actuations + k * 2 * TUBES;
+    failed[k] = start ? warm(robot, loads[k], actuation, start, goal, result, size) : DIVERGED;
+    if (failed[k] >= DIVERGED) failed[k] = cold(robot, loads[k], actuation, goal, result, size);
+    if (chained && !failed[k]) start = result + HEADER;
+  }
 }
 
 /* One integration from the entry to the tip, for comparison: the position of the tip. */

@@ -47,3 +47,9 @@ INLINE double model_cos(double angle) {
   const double sign = 1.0 - 2.0 * (floor(half) - 2.0 * floor(0.5 * floor(half)));
   return sign * (odd != 0.0 ? series_cos(r.rest) : series_sin(r.rest));
 }
+
+/* A Runge-Kutta method; the matrix row by row. */
+typedef struct {
+  int stages;
+  const double *matrix, *weights, *nodes;
+} Tableau;

@@ -46,23 +46,27 @@ def number(
 
 def array(value: Any, field: str, shape: tuple[int | None, ...], *, unit: str = "") -> Array:
     """``value`` as a finite, read-only float array; ``None`` in ``shape`` stands for any size."""
-    wanted = (
-        "(" + ", ".join("k" if size is None else str(size) for size in shape) + ("," if len(shape) == 1 else "") + ")"
-    )
     try:
-        if np.asarray(value).dtype.kind not in "iuf":
+        given = np.array(value)
+        if given.dtype.kind not in "iuf":
             raise TypeError
-        result = np.array(value, dtype=np.float64)
+        result = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise DefinitionError(f"{field} = {_short(value)} must be numbers of shape {wanted}") from None
+        raise DefinitionError(f"{field} = {_short(value)} must be numbers of shape {_wanted(shape)}") from None
     if result.ndim != len(shape) or any(size not in (None, got) for size, got in zip(shape, result.shape, strict=True)):
-        raise DefinitionError(f"{field} has shape {result.shape}, but must have shape {wanted}")
-    bad = np.argwhere(~(np.abs(result) <= _LARGEST))
-    if len(bad):
+        raise DefinitionError(f"{field} has shape {result.shape}, but must have shape {_wanted(shape)}")
+    if not (np.abs(result) <= _LARGEST).all():
+        bad = np.argwhere(~(np.abs(result) <= _LARGEST))
         where = ", ".join(str(int(i)) for i in bad[0])
         raise DefinitionError(f"{field}[{where}] = {result[tuple(bad[0])]} must be a finite number{_in(unit)}")
     result.setflags(write=False)
     return result
+
+
+def _wanted(shape: tuple[int | None, ...]) -> str:
+    return (
+        "(" + ", ".join("k" if size is None else str(size) for size in shape) + ("," if len(shape) == 1 else "") + ")"
+    )
 
 
 def choice(value: Any, field: str, allowed: tuple[str, ...]) -> str:

@@ -21,9 +21,9 @@ import casadi as ca
 from ..errors import CompilationError as CompilationError
 from ..version import __version__
 from .compiler import FLAGS, TUNINGS, leaving, private_directory, required, switched_off
-from .compiler import on_request_only as on_request_only
 from .compiler import Compiler as Compiler
 from .compiler import compiler as compiler
+from .compiler import on_request_only as on_request_only
 from .library_cache import DIRECTORY, Entry, cache_directory
 
 _LOG = logging.getLogger(__name__)

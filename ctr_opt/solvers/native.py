@@ -107,27 +107,37 @@ def _floats(vector: Any) -> Any:
     return vector.tolist() if isinstance(vector, np.ndarray) else vector
 
 
-_ADDRESS, _REAL = ctypes.c_void_p, ctypes.c_double
-_SIGNATURES: dict[str, tuple[Any, ...]] = {
-    "warm": (_ADDRESS, _ADDRESS, _ADDRESS, _ADDRESS, _REAL, _REAL, _ADDRESS, ctypes.c_long),
-    "cold": (_ADDRESS, _ADDRESS, _ADDRESS, _REAL, _REAL, _ADDRESS, ctypes.c_long),
-    "derive": (_ADDRESS, _ADDRESS, _ADDRESS, _ADDRESS, ctypes.c_int, ctypes.c_int, _ADDRESS, _ADDRESS),
-    "integrate": (_ADDRESS, _ADDRESS, _ADDRESS, _ADDRESS, ctypes.c_int, ctypes.c_int, _ADDRESS),
-}
+class Goal(ctypes.Structure):
+    """What a solve must meet: position error over length, and scaled residual."""
+
+    _fields_ = (("error", ctypes.c_double), ("residual", ctypes.c_double))
+
+
+_ADDRESS, _LONG, _INT = ctypes.c_void_p, ctypes.c_long, ctypes.c_int
 
 
 class Native:
-    """The functions of a compiled library and the layout of what they return; see ``native/driver.c``."""
+    """The functions of a compiled library and the layout of what they return; see ``native/driver.c``.
 
-    TOO_SMALL = 3  # the only failure that is told from others: the result needs NEEDED numbers
-    ITERATIONS, RESIDUAL, ERROR, STEPS, LENGTH, STIFFNESS, REFINEMENTS, TIED, NEEDED, UNSTABLE, MARGIN = range(11)
+    All take addresses; ``0`` is success, ``TOO_SMALL`` asks for a result of ``NEEDED`` numbers.
+    """
+
+    TOO_SMALL = 3
+    ITERATIONS, RESIDUAL, ERROR, STEPS, LENGTH, STIFFNESS, REFINEMENTS, TIED, NEEDED, COLD, UNSTABLE = range(11)
 
     def __init__(self, library: ctypes.CDLL) -> None:
-        for name, arguments in _SIGNATURES.items():
-            function = getattr(library, name)
-            function.argtypes, function.restype = arguments, ctypes.c_int
-            setattr(self, name, function)
-        numbers = (ctypes.c_int * 8)()
+        def function(name: str, *arguments: Any) -> Any:
+            found = getattr(library, name)
+            found.argtypes, found.restype = arguments, _INT
+            return found
+
+        case = (_ADDRESS, _ADDRESS, _ADDRESS)  # robot, loads, actuation
+        self.warm = function("warm", *case, _ADDRESS, _ADDRESS, _ADDRESS, _LONG)
+        self.cold = function("cold", *case, _ADDRESS, _ADDRESS, _LONG)
+        self.many = function("many", *case, _LONG, _ADDRESS, _INT, _ADDRESS, _ADDRESS, _LONG, _ADDRESS)
+        self.derive = function("derive", *case, _ADDRESS, _INT, _INT, _ADDRESS, _ADDRESS)
+        self.integrate = function("integrate", *case, _ADDRESS, _INT, _INT, _ADDRESS)
+        numbers = (_INT * 8)()
         library.sizes(numbers)
         self.states, self.unknowns, self.header, *_ = numbers
         self.start = self.unknowns + self.unknowns**2 + 2

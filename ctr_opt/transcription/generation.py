@@ -1,4 +1,4 @@
-"""The symbolic model as C code: rates, their derivatives by parts, point loads; and what the C driver must know of them.
+"""The symbolic model as C code: rates, their derivatives by parts, point loads, and what the C driver must know.
 
 The derivative of a state's rate is applied in two sparse products, by way of the turn ``phi`` of the backbone frame and
 the change of its curvature ``u_xy``: that takes a third of the operations of the plain Jacobian.
@@ -273,7 +273,7 @@ def _array(kind: str, name: str, values: Any) -> str:
 
 
 def _tableaus() -> str:
-    text = "typedef struct {\n  int stages;\n  const double *matrix, *weights, *nodes; /* matrix row by row */\n} Tableau;\n"
+    text = ""
     for name in INTEGRATORS:
         rk = runge_kutta(name)
         for part in ("matrix", "weights", "nodes"):
