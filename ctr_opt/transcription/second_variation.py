@@ -1,12 +1,13 @@
 """The second variation of the potential energy, counted from the free tip to the entry point.
 
 At an arc length the configuration varies by ``q = (phi_x, phi_y, psi_i + phi_z)``, ``phi`` turning the backbone frame
-(seen from it), and by the position where loads depend on it. Variations of the stationary shape obey the linearized
-equations, a linear map ``T`` over each step of ``q`` and its momenta, the moments. Held at its beginning and bent by
-momenta at its end, a step has the compliance ``F``, and what lies behind answers a variation ``q`` with ``-W q``. Then
-the second variation has as many negative directions there as ``1 + F W`` has negative eigenvalues, ``W`` is carried over
-the step, and the sum over all steps and the transmissions is the number of negative directions of the whole
-(Haynsworth's additivity of inertia): every multiplicity is counted, and nothing is integrated against its growth.
+(seen from it), and by the position where loads depend on it. Variations of a stationary shape obey the linearized
+equations, over each step a linear and symplectic map ``T`` of ``q`` and its momenta, the moments (and the force). What
+lies behind a place answers a variation there with the momenta ``-W q``, ``W = 0`` behind the tip; a step held at its
+beginning has the compliance ``F``. Then the second variation has as many negative directions at the step's end as
+``1 + F W`` has negative eigenvalues, and ``T`` carries ``W`` on to the step's beginning. The sum over all steps and the
+transmissions is the number of negative directions of the whole, each with its multiplicity, as the inertia of a
+symmetric matrix is that of its pivots (Sylvester, block by block). No step is integrated against its growth.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ _REGULAR = 0.3  # of its elastic part: what a step's compliance must keep, or it
 class SecondVariationFunctions:
     """The CasADi functions for a number of tubes, an integrator and a kind of loads, all of them with a potential.
 
-    ``transfer (state, column) -> (T, H, stiffness, length)`` of a step, with the potential's Hessian ``H`` at its end;
-    ``eliminate (W behind, T, H, stiffness, length, shift) -> (W before, negative, doubtful, defect)``;
-    ``entry (W, compliance, shift) -> negative``. The elastic part is multiplied by ``1 - shift``.
+    ``transfer (x, column) -> (T, H, flexibility, doubtful, defect)``: a step from a state, the Hessian ``H`` of the
+    potential of the point load at its end, whether it may hide something, and how far ``T`` is from symplectic;
+    ``eliminate (W behind, T, H, flexibility, shift) -> (W before, negative, lost)``, ``lost`` where it hides something;
+    ``entry (W, compliance, shift) -> negative``. The elastic part is divided by ``1 + shift``.
     """
 
     def __init__(self, tubes: int, integrator: str, kind: LoadKind) -> None:
@@ -90,52 +92,54 @@ class SecondVariationFunctions:
     # -- functions -------------------------------------------------------------------------------------------------
 
     def _transfer(self) -> ca.Function:
-        layout, n = self.shooting.columns, self.size
-        x, column = ca.SX.sym("x", State.size(self.tubes)), ca.SX.sym("column", layout.size)
-        step = self.shooting._linear_step(2 * n)
-        both = step(ca.horzcat(x, self._directions(x)), column)
-        after = both[:, 0]
-        transfer = self._coordinates(after, both[:, 1:])
-        parts = layout.parts
-        bending = ca.sum1(column[parts["bending_stiffness"]])
-        stiffness = ca.vertcat(bending, bending, column[parts["torsional_stiffness"]])
+        """In MX around the functions in SX, as writing the step out once more would cost more than calls do."""
+        n, layout, size = self.size, self.shooting.columns, State.size(self.tubes)
+        state, data, moved = ca.SX.sym("x", size), ca.SX.sym("column", layout.size), ca.SX.sym("moved", size, 2 * n)
+        directions = ca.Function("directions", [state], [ca.horzcat(state, self._directions(state))])
+        transfer = self._coordinates(state, moved)
         hessian = ca.SX(self.positions, self.positions)
         if self.positions:
-            state = ca.SX.sym("state", State.size(self.tubes))
-            force, _ = layout.point_load(column, State.split(state, self.tubes))
+            force, _ = layout.point_load(data, State.split(state, self.tubes))
             hessian = -ca.jacobian(force, state[State.parts(self.tubes)["position"]])
-            hessian = ca.densify(ca.substitute(hessian, state, after))
-            transfer[n + self.bent :, :] -= ca.mtimes(hessian, transfer[self.bent : n, :])  # up to the load
-        names = ["transfer", "hessian", "stiffness", "length"]
-        results = [ca.densify(transfer), hessian, stiffness, column[0]]
-        return ca.Function("transfer", [x, column], results, ["x", "column"], names, {"cse": True})
+            transfer[n + self.bent :, :] -= hessian @ transfer[self.bent : n, :]  # up to the load
+        flexible = self._flexibility(data)
+        unit = ca.sqrt(ca.if_else(data[0] == 0, 1, flexible))
+        own = _sized(transfer, unit)
+        _, b, _, d = (block[: self.bent, : self.bent] for block in quarters(own))
+        doubtful = ca.if_else(data[0] == 0, 0, _irregular(b) + _irregular(d))
+        results = [ca.densify(transfer), ca.densify(hessian), flexible, doubtful, symplectic_defect(own)]
+        told = ca.Function("told", [ca.horzcat(state, moved), data], results)
+        x, column = ca.MX.sym("x", size), ca.MX.sym("column", layout.size)
+        step = self.shooting._linear_step(2 * n)
+        names = ["T", "H", "flexibility", "doubtful", "defect"]
+        results = told(step(directions(x), column), column)
+        return ca.Function("transfer", [x, column], results, ["x", "column"], names)
+
+    def _flexibility(self, column: Any) -> Any:
+        """By how much the step's end moves under unit momenta there: ``h / K``, and ``h^3 / K`` of a position."""
+        parts = self.shooting.columns.parts
+        length, bending = column[0], ca.sum1(column[parts["bending_stiffness"]])
+        stiffness = ca.vertcat(bending, bending, column[parts["torsional_stiffness"]])
+        return ca.vertcat(length / stiffness, ca.repmat(length**3 / bending, self.positions, 1))
 
     def _eliminate(self) -> ca.Function:
         n, bent = self.size, self.bent
         behind, transfer = ca.SX.sym("W", n, n), ca.SX.sym("T", 2 * n, 2 * n)
-        hessian = ca.SX.sym("H", self.positions, self.positions)
-        stiffness, length, shift = ca.SX.sym("K", bent), ca.SX.sym("h"), ca.SX.sym("shift")
-        idle = length == 0
-        elastic = ca.if_else(idle, 1, length) / stiffness
-        size = ca.vertcat(elastic, ca.repmat(elastic[0] * ca.if_else(idle, 1, length**2), self.positions, 1))
+        hessian, shift = ca.SX.sym("H", self.positions, self.positions), ca.SX.sym("shift")
+        flexible = ca.SX.sym("flexibility", n)
         w = behind + 0.0
         w[bent:, bent:] += hessian
-        softness = ca.diag(ca.vertcat(shift / 2 * elastic, ca.SX.zeros(self.positions)))
+        softness = ca.vertcat(shift / 2 * flexible[:bent], ca.SX.zeros(self.positions))
         a, b, c, d = quarters(_between(softness, transfer))
         compliance = solved(d.T, b.T)  # F = b d^-1, symmetric
-        root, doubtful = root_of(0.5 * (compliance + compliance.T), size)
+        root, lost = root_of(0.5 * (compliance + compliance.T), flexible)
         answer = Ldl.of(ca.SX.eye(n) + root.T @ w @ root)
         moved = c + w @ a
         before = solved(d, moved - w @ root @ answer.solve(root.T @ moved))  # d^-1 (1 + W F)^-1 (c + W a)
-        unit = ca.sqrt(size)
-        for block, rows in ((b, unit), (d, 1 / unit)):
-            doubtful += _irregular((block / (rows @ unit.T))[:bent, :bent])
-        scale = ca.vertcat(unit, 1 / unit)
-        defect = symplectic_defect(transfer / (scale @ (1 / scale).T))
-        given = [behind, transfer, hessian, stiffness, length, shift]
-        results = [0.5 * (before + before.T), answer.negative, ca.if_else(idle, 0, doubtful), defect]
-        names = ["W", "T", "H", "stiffness", "length", "shift"], ["before", "negative", "doubtful", "defect"]
-        return ca.Function("eliminate", given, results, *names, {"cse": True})
+        given = [behind, transfer, hessian, flexible, shift]
+        results = [0.5 * (before + before.T), answer.negative, lost]
+        names = ["W", "T", "H", "flexibility", "shift"]
+        return ca.Function("eliminate", given, results, names, ["before", "negative", "lost"], {"cse": True})
 
     def _entry(self) -> ca.Function:
         w, compliance = ca.SX.sym("W", self.size, self.size), ca.SX.sym("compliance", self.tubes)
@@ -153,7 +157,6 @@ def second_variation_functions(tubes: int, integrator: str, kind: LoadKind) -> S
     return _functions(tubes, integrator, kind)
 
 
-
 def _turning(orientation: Any) -> Any:
     """The change of a quaternion by unit turns about its own axes, 4 x 3."""
     return ca.horzcat(*(quaternion_rate(orientation, ca.SX(ca.DM.eye(3)[:, k])) for k in range(3)))
@@ -165,11 +168,17 @@ def _half_axial(state: State[Any]) -> Any:
 
 
 def _between(softness: Any, transfer: Any) -> Any:
-    """The step with a compliance before and one behind it."""
+    """The step with compliances before and behind it."""
     n = softness.shape[0]
     shear = ca.SX.eye(2 * n)
-    shear[:n, n:] = softness
+    shear[:n, n:] = ca.diag(softness)
     return shear @ transfer @ shear
+
+
+def _sized(transfer: Any, unit: Any) -> Any:
+    """The transfer matrix of coordinates over their ``unit`` and momenta over its inverse."""
+    units = ca.vertcat(unit, 1 / unit)
+    return transfer * ((1 / units) @ units.T)
 
 
 def _irregular(block: Any) -> Any:
