@@ -20,6 +20,7 @@ from .robot.robot import Robot
 from .solvers.status import SolveStatus
 from .transcription.shape import Shape, Values
 from .transcription.shooting import Shooting
+from .transcription.stability import SecondVariation
 from .transcription.verification import defect
 
 if TYPE_CHECKING:
@@ -77,8 +78,6 @@ class Outcome:
         Largest entry of the scaled boundary residual.
     discretization_error
         Estimated largest position error along the backbone, m.
-    stability_checked
-        Whether the energy's second variation was computed and found positive.
     """
 
     status: SolveStatus
@@ -90,7 +89,6 @@ class Outcome:
     solve_time: float = 0.0
     residual_norm: float = np.inf
     discretization_error: float = np.inf
-    stability_checked: bool = False
     jacobian: Array | None = None
 
 
@@ -188,9 +186,47 @@ class Equilibrium:
         return self._outcome.discretization_error
 
     @property
+    def unstable_directions(self) -> int | None:
+        """How many independent variations of the shape lower the potential energy, to second order.
+
+        The number of negative eigenvalues of the second variation with the tubes' bases held, each counted as often as
+        it occurs. None where it is not defined, as a load has no potential (an applied moment, a load in a tube's
+        frame, an expression), and for a solve that failed.
+
+        Examples
+        --------
+        A straight column beyond Euler's load may give way in two planes:
+
+        >>> import numpy as np, ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 2e-3, 0.0, ctr.Straight(0.1), bending_stiffness=0.02, torsional_stiffness=0.015)
+        >>> problem, held = ctr.ForwardProblem(ctr.Robot([tube])), ctr.Actuation([0.0], [0.0])
+        >>> push = [ctr.PointWrench(force=[0.0, 0.0, -1.5 * np.pi**2 / 4 * 0.02 / 0.1**2])]
+        >>> column = problem.solve(held, push, initial=problem.guess(held, push))
+        >>> column.unstable_directions, column.is_stable
+        (2, False)
+        """
+        found = self._second_variation
+        return None if found is None else found.negative
+
+    @property
+    def is_stable(self) -> bool | None:
+        """Whether the potential energy has a minimum here: its second variation is positive.
+
+        False at saddles, and where it is zero, but for rounding, in some direction: at a fold, and in a family of
+        equilibria (a straight rod that buckled may lie in any plane), which has no ``unstable_directions`` either. None
+        where those are None.
+        """
+        found = self._second_variation
+        return None if found is None else found.positive
+
+    @property
+    def _second_variation(self) -> SecondVariation | None:
+        return None if self._solved_shape is None else self._solved_shape.second_variation
+
+    @property
     def stability_checked(self) -> bool:
-        """Whether this equilibrium is *known* to be stable: its reduced Hessian was computed and is positive."""
-        return self._outcome.stability_checked
+        """Whether this equilibrium is *known* to be stable: :attr:`is_stable` is True, not False or None."""
+        return self.is_stable is True
 
     @property
     def determinant(self) -> float:
@@ -212,7 +248,7 @@ class Equilibrium:
 
     @property
     def last_equilibrium(self) -> Equilibrium | None:
-        """The last equilibrium of this robot before a continuation failed.
+        """The last equilibrium of this robot before a continuation failed, or the unstable one that was not accepted.
 
         Its loads and actuation tell where: on the way from ``initial``, or at the part of the loads that a cold start
         came to. None for a solve that converged, and where none is known.

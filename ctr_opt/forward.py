@@ -292,12 +292,11 @@ def _method(formulation: Any, method: Any, transcription: Transcription | None) 
 
 def _refuse_nonconservative(configuration: Configuration) -> None:
     """The energy formulation takes loads that have a potential."""
-    for k, load in enumerate(configuration.loads):
-        if load.nonconservative:
-            raise DefinitionError(
-                f"loads[{k}] ({type(load).__name__}) {load.nonconservative}, which has no potential: "
-                "formulation = 'energy' takes conservative loads only; use formulation = 'automatic' or 'equilibrium'"
-            )
+    if configuration.without_potential:
+        raise DefinitionError(
+            f"{configuration.without_potential}: formulation = 'energy' takes conservative loads only; "
+            "use formulation = 'automatic' or 'equilibrium'"
+        )
 
 
 def _as_loads(loads: Any) -> tuple[Load, ...]:

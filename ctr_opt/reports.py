@@ -49,12 +49,20 @@ def _heading(equilibrium: Equilibrium) -> list[str]:
 
 def _quality(equilibrium: Equilibrium) -> list[str]:
     error, length = equilibrium.discretization_error, equilibrium.length
-    stable = "yes" if equilibrium.stability_checked else "not checked"
     return [
         _row("residual", f"{equilibrium.residual_norm:.1e} (moments over max(EI)/length)"),
         _row("discretization error", f"{error:.1e} m, estimated ({error / length:.1e} of the length)"),
-        _row("stable", stable),
+        _row("stable", _stability(equilibrium)),
     ]
+
+
+def _stability(equilibrium: Equilibrium) -> str:
+    negative, reason = equilibrium.unstable_directions, equilibrium.configuration.without_potential
+    if negative is None:
+        return f"not defined: {reason}" if reason else "not known: the steps are too coarse to tell"
+    if negative:
+        return f"no: {_count(negative, 'direction')} in which the potential energy falls"
+    return "yes" if equilibrium.is_stable else "neutral: a fold, or one of a family of equilibria"
 
 
 def _shape(equilibrium: Equilibrium) -> list[str]:
@@ -91,7 +99,7 @@ def _energies(equilibrium: Equilibrium) -> list[str]:
         ),
         _row("potential energy", f"{1e3 * equilibrium.potential_energy:.6f} mJ"),
     ]
-    if any(load.nonconservative for load in equilibrium.loads):
+    if equilibrium.configuration.without_potential:
         lines.append("  Some loads have no potential: neither work nor potential energy accounts for them.")
     return lines
 

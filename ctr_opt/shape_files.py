@@ -51,7 +51,8 @@ def shape_facts(equilibrium: Equilibrium) -> dict[str, Any]:
         "length": equilibrium.length,
         "residual_norm": equilibrium.residual_norm,
         "discretization_error": equilibrium.discretization_error,
-        "stability_checked": equilibrium.stability_checked,
+        "is_stable": equilibrium.is_stable,
+        "unstable_directions": equilibrium.unstable_directions,
         "energy": equilibrium.energy,
         "load_work": equilibrium.load_work,
     }
@@ -68,7 +69,7 @@ def _write_csv(equilibrium: Equilibrium, path: Path) -> None:
 
 def _write_npz(equilibrium: Equilibrium, path: Path) -> None:
     contents: dict[str, Any] = {**shape_columns(equilibrium), **shape_facts(equilibrium)}
-    np.savez(path, **contents)
+    np.savez(path, **{name: value for name, value in contents.items() if value is not None})
 
 
 def _write_json(equilibrium: Equilibrium, path: Path) -> None:

@@ -32,7 +32,6 @@ from .transcription.nlp import Nlp
 from .transcription.shape import Shape
 from .transcription.shooting import Nodes, Shooting, cut
 
-_SAME = 1e-2  # relative distance within which Newton's method has only polished the minimum it started from
 _NEAR = 0.1  # of the way: where paths end sooner the loads are absurd, and ways around folds too long
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
@@ -40,11 +39,10 @@ _LOG = logging.getLogger(__name__)
 
 @attrs.frozen(eq=False)
 class _Reached:
-    """A solution of the boundary-value problem, and whether it is known to be a minimum."""
+    """A solution of the boundary-value problem."""
 
     shooting: Shooting
     solution: Solution
-    stable: bool = False
 
 
 class _Failed(Exception):  # noqa: N818 - never leaves this module
@@ -75,6 +73,7 @@ class Run:
         self.iterations = 0
         self.setup_time = 0.0
         self.last: Equilibrium | None = None
+        self.unstable: Equilibrium | None = None
         self.warm = False
 
     def solve(self, initial: Equilibrium | None) -> Equilibrium:
@@ -108,12 +107,28 @@ class Run:
         for ways in (self._ways, self._ways_around):
             for way in ways(shooting, failures):
                 try:
-                    return way()
+                    return self._checked(way())
                 except _Failed as failure:
                     failures.append(failure)
                     if failure.status is SolveStatus.INACCURATE:  # there is an equilibrium: no other way leads nearer
                         raise failure.after(failures[:-1]) from None
         raise failures[-1].after(failures[:-1])
+
+    def _checked(self, found: Equilibrium) -> Equilibrium:
+        """The answer, unless it is known to be unstable and there is another way to go.
+
+        A path of equilibria that starts at the stable straight robot need not stay stable: steps may jump to another
+        branch or over two folds, and what goes around folds changes its stability there.
+        """
+        negative = found.unstable_directions
+        if self.settings.formulation != "automatic" or not negative:
+            return found
+        self.unstable = found
+        told = f"unstable: {negative} direction{'s' if negative > 1 else ''}"
+        message = f"{self.path[-1]}: {SolveStatus.UNSTABLE.description} ({told})"
+        self.path[-1] += f" ({told})"
+        z = found.last_iterate.unknowns(self.configuration.scales, self.configuration.kind.live)
+        raise _Failed(SolveStatus.UNSTABLE, message, z, reached=1.0)
 
     def _ways(self, shooting: Shooting, _: list[_Failed]) -> list[Callable[[], Equilibrium]]:
         """The ways to a cold answer, the fastest first."""
@@ -190,9 +205,7 @@ class Run:
         """The same minimum as a solution of the boundary-value problem."""
         _, z = energy.recover(minimum.point.x, minimum.point.multipliers)
         method = NEARBY if minimum.stable else ALONG_FAMILY
-        reached = self._newton(self._shooting(energy.configuration), z, method, "newton")
-        moved = np.linalg.norm(reached.solution.z - z)
-        return attrs.evolve(reached, stable=bool(minimum.stable and moved <= _SAME * (1.0 + np.linalg.norm(z))))
+        return self._newton(self._shooting(energy.configuration), z, method, "newton")
 
     def _rest_last(self, shooting: Shooting, conservative: _Reached) -> _Reached:
         z = np.zeros(shooting.unknowns)
@@ -255,11 +268,11 @@ class Run:
             shape = None
         return self._discretized(self._lowest, shape)
 
-    def _lowest(self, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array, bool]:
+    def _lowest(self, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array]:
         """A minimum of the transcribed energy."""
         name = "energy from initial" if self.warm and not self.path else "energy"
         energy, minimum = self._minimum(self.configuration, mesh, shape, name)
-        return *energy.recover(minimum.point.x, minimum.point.multipliers), minimum.stable
+        return energy.recover(minimum.point.x, minimum.point.multipliers)
 
     def _transcribed(self, method: Ipopt, initial: Equilibrium | None) -> Equilibrium:
         """The equilibrium formulation in its own discretization, solved by IPOPT."""
@@ -305,7 +318,7 @@ class Run:
         except _Failed:
             return None
 
-    def _balance(self, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array, bool]:
+    def _balance(self, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array]:
         """A solution of the transcribed boundary-value problem."""
         settings = self.settings
         self.path.append("ipopt")
@@ -318,19 +331,19 @@ class Run:
         if not point.converged:
             self.path[-1] += " (failed)"
             raise self._not_optimal("ipopt", point, problem.program.nlp)
-        return *problem.recover(point.x), False
+        return problem.recover(point.x)
 
     def _discretized(
-        self, find: Callable[[Array, Shape | None], tuple[Nodes, Array, bool]], shape: Shape | None
+        self, find: Callable[[Array, Shape | None], tuple[Nodes, Array]], shape: Shape | None
     ) -> Equilibrium:
         """A solution in a discretization of its own, on finer and finer meshes until it meets the tolerance."""
         mesh, refinement = self.configuration.mesh(), Refinement(self.settings.tolerance)
         while True:
-            nodes, z, stable = find(mesh, shape)
+            nodes, z = find(mesh, shape)
             shooting = Shooting(self.configuration, mesh, self.settings.integrator)
             estimate, solution = estimate_error_of_nodes(shooting, z, nodes)
             if estimate.error <= self.settings.tolerance:
-                return self._equilibrium(_Reached(shooting, solution, stable), nodes, estimate)
+                return self._equilibrium(_Reached(shooting, solution), nodes, estimate)
             parts = refinement.next(estimate)
             if parts is None:
                 raise self._inaccurate(z, estimate)
@@ -445,7 +458,7 @@ class Run:
             self.iterations += solution.iterations
             if not solution.converged:
                 break
-            reached = _Reached(finer, solution, reached.stable)
+            reached = _Reached(finer, solution)
         raise self._inaccurate(reached.solution.z, estimate)
 
     def _equilibrium(self, reached: _Reached, nodes: Nodes, estimate: Estimate) -> Equilibrium:
@@ -455,7 +468,6 @@ class Run:
             iterations=self.iterations,
             residual_norm=reached.solution.residual_norm,
             discretization_error=estimate.error * self.configuration.scales.length,
-            stability_checked=reached.stable,
             jacobian=reached.solution.jacobian,
         )
         shape = Shape(self.configuration, reached.shooting.mesh, nodes, self.settings.integrator)
@@ -463,9 +475,10 @@ class Run:
 
     def _failure(self, failure: _Failed) -> Equilibrium:
         path = self._told_path()
-        message = f"no equilibrium found ({path}). {failure.message}. What to do: {failure.status.advice}"
+        sought = "stable equilibrium" if failure.status is SolveStatus.UNSTABLE else "equilibrium"
+        message = f"no {sought} found ({path}). {failure.message}. What to do: {failure.status.advice}"
         outcome = Outcome(failure.status, path, message, failure.reached, self.iterations)
-        return Equilibrium(self.configuration, self._base(failure.z), outcome, last=self.last)
+        return Equilibrium(self.configuration, self._base(failure.z), outcome, last=self.unstable or self.last)
 
     def _told_path(self) -> str:
         steps = [(name, len(list(same))) for name, same in groupby(self.path)]

@@ -116,7 +116,8 @@ def test_each_equilibrium_is_found_from_nearby(expected):
     np.testing.assert_allclose(result.tip_position, expected["tip_position"], atol=POSITION)
     np.testing.assert_allclose([result.torsion(i, 0.0) for i in range(3)], expected["uz_at_base"], atol=TORSION)
     assert result.determinant == pytest.approx(expected["det"], rel=DETERMINANT)
-    assert not result.stability_checked
+    assert result.unstable_directions == (0 if expected["det"] > 0.0 else 1)
+    assert result.is_stable is (expected["det"] > 0.0)
 
 
 @pytest.mark.parametrize("formulation", ["automatic", "equilibrium", "energy"])
@@ -126,7 +127,7 @@ def test_a_cold_start_ends_at_a_stable_equilibrium(formulation):
     distance = [np.linalg.norm(result.tip_position - found["tip_position"]) for found in STABLE]
     assert min(distance) <= 1e-7 * result.length  # the default tolerance
     assert result.determinant > 0.0
-    assert result.stability_checked is (formulation == "energy")
+    assert result.is_stable
 
 
 def test_cold_newton_finds_an_equilibrium_be_it_the_unstable_one():
@@ -135,7 +136,7 @@ def test_cold_newton_finds_an_equilibrium_be_it_the_unstable_one():
     result = problem.solve(actuation)
     distance = [np.linalg.norm(result.tip_position - found["tip_position"]) for found in ALL]
     assert min(distance) <= 1e-7 * result.length
-    assert not result.stability_checked
+    assert result.is_stable is (result.determinant > 0.0)
 
 
 def test_the_stable_equilibria_have_less_energy_than_the_saddle_between_them():

@@ -1,5 +1,7 @@
 """Which of several equilibria is returned, what is said of its stability, and how a solve fails."""
 
+import re
+
 import numpy as np
 import pytest
 from physics import held, robot, rod, tube
@@ -37,7 +39,8 @@ def test_opposed_tubes_below_the_threshold_stay_straight(factor, formulation):
     np.testing.assert_allclose(result.tip_position, [0.0, 0.0, L], atol=1e-12)
     assert twist(result) == pytest.approx(np.pi, abs=1e-9)
     assert result.determinant > 0.0
-    assert result.stability_checked is (formulation == "energy")
+    assert result.is_stable
+    assert result.unstable_directions == 0
 
 
 @pytest.mark.parametrize("factor", [1.05, 2.0, 12.0])
@@ -78,6 +81,8 @@ def test_the_saddle_is_there_and_is_not_called_stable():
     saddle = problem.solve(actuation, initial=problem.guess(actuation))
     assert twist(saddle) == pytest.approx(np.pi, abs=1e-12)
     assert saddle.determinant < 0.0
+    assert saddle.unstable_directions == 1
+    assert saddle.is_stable is False
     assert not saddle.stability_checked
     # The energy formulation leaves it when it starts there.
     left = ctr.ForwardProblem(made, formulation="energy").solve(actuation, initial=saddle)
@@ -95,7 +100,7 @@ def test_aligned_tubes_do_not_move(formulation):
     np.testing.assert_allclose(np.linalg.norm(result.curvature([0.0, 0.05]), axis=1), kappa, rtol=1e-9)
     assert twist(result) == pytest.approx(0.0, abs=1e-9)
     assert result.energy == pytest.approx(0.0, abs=1e-12)
-    assert result.stability_checked is (formulation == "energy")
+    assert result.stability_checked
 
 
 # -- columns -----------------------------------------------------------------------------------------------------------
@@ -109,11 +114,13 @@ def test_straight_column_buckles_above_its_critical_load(factor, formulation):
     aside = np.hypot(*result.tip_position[:2]) / L
     if factor < 1.0:
         assert aside < 1e-9
-        assert result.stability_checked is (formulation == "energy")
+        assert result.stability_checked
         return
     assert aside > 0.15
     # It may lie in any plane: neutral, so not called stable.
     assert not result.stability_checked
+    assert result.is_stable is False
+    assert result.unstable_directions == 0
     straight = L * factor * CRITICAL  # potential of the load at the straight rod
     assert result.potential_energy < straight
 
@@ -144,10 +151,13 @@ def test_energy_refuses_moments_by_name(loads, named):
     problem = ctr.ForwardProblem(rod(L, EI, GJ), formulation="energy")
     with pytest.raises(ctr.DefinitionError, match=named + ".*moment"):
         problem.solve(held(), loads)
-    # The other formulations take them, and do not speak of stability.
+    # The other formulations take them, and stability is not defined.
     result = ctr.ForwardProblem(rod(L, EI, GJ)).solve(held(), loads)
     assert result.converged
     assert not result.stability_checked
+    assert result.is_stable is None
+    assert result.unstable_directions is None
+    assert re.search(r"stable +not defined: " + named + ".*moment.* which has no potential", result.report())
 
 
 def failing():
@@ -169,6 +179,8 @@ def test_a_path_through_a_fold_fails_and_says_where():
     assert np.all(np.isfinite(result.last_iterate.vector))
     assert result.last_iterate.torsional.shape == (2,)
     assert not result.stability_checked
+    assert result.is_stable is None
+    assert result.unstable_directions is None
 
 
 @pytest.mark.parametrize(

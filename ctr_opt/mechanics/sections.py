@@ -339,9 +339,17 @@ class Configuration:
                 moved.append(attrs.evolve(scaled, end=None if scaled.end is None else min(scaled.end, end)))
         return moved
 
+    @property
+    def without_potential(self) -> str:
+        """Which load has no potential, and why; empty if all have one."""
+        for k, load in enumerate(self.loads):
+            if load.nonconservative:
+                return f"loads[{k}] ({type(load).__name__}) {load.nonconservative}, which has no potential"
+        return ""
+
     def conservative_part(self) -> Configuration:
         """The configuration with what of its loads has a potential; itself if that is all."""
-        if not any(load.nonconservative for load in self.loads):
+        if not self.without_potential:
             return self
         parts = [load.conservative_part() for load in self.loads]
         return Configuration(self.robot, self.actuation, [part for part in parts if part is not None])

@@ -35,6 +35,10 @@ class SolveStatus(Enum):
         "the energy minimization found saddles only",
         "start from another equilibrium with `initial`, or use the default formulation",
     )
+    UNSTABLE = (
+        "only unstable equilibria were found",
+        "the robot stays at none of them; one is `last_equilibrium`: start from another equilibrium with `initial`",
+    )
     INACCURATE = (
         "the discretization did not reach the tolerance",
         "loosen the tolerance, or cut loads and curvatures with kinks into smooth pieces",

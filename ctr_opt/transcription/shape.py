@@ -16,6 +16,7 @@ from ..mechanics.state import State, state_scales
 from ..robot.checks import Array
 from .columns import StepColumns
 from .shooting import Nodes, ShootingFunctions, shooting_functions
+from .stability import SecondVariation, second_variation
 
 _QUADRATURE = 6  # Gauss points a step for energies: exact to the accuracy of the steps themselves
 
@@ -93,6 +94,13 @@ class Shape:
             moments.reshape(tubes, 3, -1) * scales.moment,
             energy[0] * scales.force,
         )
+
+    @cached_property
+    def second_variation(self) -> SecondVariation | None:
+        """Of the potential energy; None where a load has none, and where it could not be told."""
+        if self.configuration.without_potential:
+            return None
+        return second_variation(self.configuration, self.mesh, self.nodes.right, self.integrator)
 
     @cached_property
     def _integrals(self) -> tuple[float, float]:

@@ -1,0 +1,186 @@
+"""The second variation of the potential energy, counted from the free tip to the entry point.
+
+At an arc length the configuration varies by ``q = (phi_x, phi_y, psi_i + phi_z)``, ``phi`` turning the backbone frame
+(seen from it), and by the position where loads depend on it. Variations of a stationary shape obey the linearized
+equations, over each step a linear and symplectic map ``T`` of ``q`` and its momenta, the moments (and the force). What
+lies behind a place answers a variation there with the momenta ``-W q``, ``W = 0`` behind the tip; a step held at its
+beginning has the compliance ``F``. Then the second variation has as many negative directions at the step's end as
+``1 + F W`` has negative eigenvalues, and ``T`` carries ``W`` on to the step's beginning. The sum over all steps and the
+transmissions is the number of negative directions of the whole, each with its multiplicity, as the inertia of a
+symmetric matrix is that of its pivots (Sylvester, block by block). No step is integrated against its growth.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from ..mechanics.loading import LoadKind
+from ..mechanics.so3 import quaternion_rate
+from ..mechanics.state import State
+from .sharing import shared_by_kind
+from .shooting import shooting_functions
+from .small_matrices import Ldl, quarters, root_of, solved, symplectic_defect
+
+_REGULAR = 0.3  # of its elastic part: what a step's compliance must keep, or it may hide a conjugate point of its own
+
+
+class SecondVariationFunctions:
+    """The CasADi functions for a number of tubes, an integrator and a kind of loads, all of them with a potential.
+
+    ``transfer (x, column) -> (T, H, flexibility, doubtful, defect)``: a step from a state, the Hessian ``H`` of the
+    potential of the point load at its end, whether it may hide something, and how far ``T`` is from symplectic;
+    ``eliminate (W behind, T, H, flexibility, shift) -> (W before, negative, lost)``, ``lost`` where it hides something;
+    ``entry (W, compliance, shift) -> negative``. The elastic part is divided by ``1 + shift``.
+    """
+
+    def __init__(self, tubes: int, integrator: str, kind: LoadKind) -> None:
+        self.tubes = tubes
+        self.shooting = shooting_functions(tubes, integrator, kind)
+        self.bent = 2 + tubes  # entries of q with an elastic stiffness; a position has none
+        self.positions = 3 if kind.live else 0
+        self.size = self.bent + self.positions
+        self.transfer = self._transfer()
+        self.eliminate = self._eliminate()
+        self.entry = self._entry()
+        self._maps: dict[int, tuple[ca.Function, ca.Function]] = {}
+
+    def maps(self, count: int) -> tuple[ca.Function, ca.Function]:
+        """``transfer`` and ``eliminate`` over so many steps, the latter from the last one back."""
+        if count not in self._maps:
+            backward = self.eliminate.mapaccum("second_variation", count)
+            self._maps[count] = self.transfer.map(count), backward
+        return self._maps[count]
+
+    # -- symplectic coordinates ------------------------------------------------------------------------------------
+
+    def _directions(self, x: Any) -> Any:
+        """The directions in state space ``(size, 2 N)`` of unit ``q`` and unit momenta; gauge: ``phi_z = 0``."""
+        n, parts, state = self.tubes, State.parts(self.tubes), State.split(x, self.tubes)
+        directions = ca.SX(State.size(n), 2 * self.size)
+        directions[parts["orientation"], :2] = _turning(state.orientation)[:, :2]
+        directions[parts["bending"], :2] = -_half_axial(state)
+        directions[parts["angles"], 2 : self.bent] = ca.SX.eye(n)
+        momenta = self.size
+        directions[parts["bending"], momenta : momenta + 2] = ca.SX.eye(2)
+        directions[parts["torsion"], momenta + 2 : momenta + self.bent] = ca.SX.eye(n)
+        if self.positions:
+            directions[parts["position"], self.bent : self.size] = ca.SX.eye(3)
+            directions[parts["force"], momenta + self.bent :] = ca.SX.eye(3)
+        return directions
+
+    def _coordinates(self, x: Any, directions: Any) -> Any:
+        """``q`` and momenta of directions in state space at ``x``.
+
+        ``m_xy`` is seen from the frame that turns: its momentum is ``dm_xy + (phi x m)_xy``, but for half the part of
+        ``m_z``, which makes the pair symmetric.
+        """
+        parts, state = State.parts(self.tubes), State.split(x, self.tubes)
+        own = State.split(directions, self.tubes)
+        turning = _turning(state.orientation)
+        phi = 4.0 / ca.sumsqr(state.orientation) * ca.mtimes(turning.T, own.orientation)
+        seen = ca.mtimes(ca.vertcat(-state.bending[1], state.bending[0]), phi[2, :])
+        bending = own.bending + seen + ca.mtimes(_half_axial(state), phi[:2, :])
+        q = [phi[:2, :], own.angles + ca.repmat(phi[2, :], self.tubes, 1)]
+        momenta = [bending, own.torsion]
+        if self.positions:
+            q.append(directions[parts["position"], :])
+            momenta.append(directions[parts["force"], :])
+        return ca.vertcat(*q, *momenta)
+
+    # -- functions -------------------------------------------------------------------------------------------------
+
+    def _transfer(self) -> ca.Function:
+        """In MX around the functions in SX, as writing the step out once more would cost more than calls do."""
+        n, layout, size = self.size, self.shooting.columns, State.size(self.tubes)
+        state, data, moved = ca.SX.sym("x", size), ca.SX.sym("column", layout.size), ca.SX.sym("moved", size, 2 * n)
+        directions = ca.Function("directions", [state], [ca.horzcat(state, self._directions(state))])
+        transfer = self._coordinates(state, moved)
+        hessian = ca.SX(self.positions, self.positions)
+        if self.positions:
+            force, _ = layout.point_load(data, State.split(state, self.tubes))
+            hessian = -ca.jacobian(force, state[State.parts(self.tubes)["position"]])
+            transfer[n + self.bent :, :] -= hessian @ transfer[self.bent : n, :]  # up to the load
+        flexible = self._flexibility(data)
+        unit = ca.sqrt(ca.if_else(data[0] == 0, 1, flexible))
+        own = _sized(transfer, unit)
+        _, b, _, d = (block[: self.bent, : self.bent] for block in quarters(own))
+        doubtful = ca.if_else(data[0] == 0, 0, _irregular(b) + _irregular(d))
+        results = [ca.densify(transfer), ca.densify(hessian), flexible, doubtful, symplectic_defect(own)]
+        told = ca.Function("told", [ca.horzcat(state, moved), data], results)
+        x, column = ca.MX.sym("x", size), ca.MX.sym("column", layout.size)
+        step = self.shooting._linear_step(2 * n)
+        names = ["T", "H", "flexibility", "doubtful", "defect"]
+        results = told(step(directions(x), column), column)
+        return ca.Function("transfer", [x, column], results, ["x", "column"], names)
+
+    def _flexibility(self, column: Any) -> Any:
+        """By how much the step's end moves under unit momenta there: ``h / K``, and ``h^3 / K`` of a position."""
+        parts = self.shooting.columns.parts
+        length, bending = column[0], ca.sum1(column[parts["bending_stiffness"]])
+        stiffness = ca.vertcat(bending, bending, column[parts["torsional_stiffness"]])
+        return ca.vertcat(length / stiffness, ca.repmat(length**3 / bending, self.positions, 1))
+
+    def _eliminate(self) -> ca.Function:
+        n, bent = self.size, self.bent
+        behind, transfer = ca.SX.sym("W", n, n), ca.SX.sym("T", 2 * n, 2 * n)
+        hessian, shift = ca.SX.sym("H", self.positions, self.positions), ca.SX.sym("shift")
+        flexible = ca.SX.sym("flexibility", n)
+        w = behind + 0.0
+        w[bent:, bent:] += hessian
+        softness = ca.vertcat(shift / 2 * flexible[:bent], ca.SX.zeros(self.positions))
+        a, b, c, d = quarters(_between(softness, transfer))
+        compliance = solved(d.T, b.T)  # F = b d^-1, symmetric
+        root, lost = root_of(0.5 * (compliance + compliance.T), flexible)
+        answer = Ldl.of(ca.SX.eye(n) + root.T @ w @ root)
+        moved = c + w @ a
+        before = solved(d, moved - w @ root @ answer.solve(root.T @ moved))  # d^-1 (1 + W F)^-1 (c + W a)
+        given = [behind, transfer, hessian, flexible, shift]
+        results = [0.5 * (before + before.T), answer.negative, lost]
+        names = ["W", "T", "H", "flexibility", "shift"]
+        return ca.Function("eliminate", given, results, names, ["before", "negative", "lost"], {"cse": True})
+
+    def _entry(self) -> ca.Function:
+        w, compliance = ca.SX.sym("W", self.size, self.size), ca.SX.sym("compliance", self.tubes)
+        shift = ca.SX.sym("shift")
+        root = ca.diag(ca.sqrt(compliance * (1 + shift)))
+        negative = Ldl.of(ca.SX.eye(self.tubes) + root @ w[2 : self.bent, 2 : self.bent] @ root).negative
+        return ca.Function("entry", [w, compliance, shift], [negative], ["W", "compliance", "shift"], ["negative"])
+
+
+_functions = shared_by_kind(SecondVariationFunctions, most=24)
+
+
+def second_variation_functions(tubes: int, integrator: str, kind: LoadKind) -> SecondVariationFunctions:
+    """The functions, shared by every problem with as many tubes and the same kind of loads."""
+    return _functions(tubes, integrator, kind)
+
+
+def _turning(orientation: Any) -> Any:
+    """The change of a quaternion by unit turns about its own axes, 4 x 3."""
+    return ca.horzcat(*(quaternion_rate(orientation, ca.SX(ca.DM.eye(3)[:, k])) for k in range(3)))
+
+
+def _half_axial(state: State[Any]) -> Any:
+    """``(phi x m_z / 2)_xy`` as a matrix on ``phi_xy``."""
+    return 0.5 * ca.sum1(state.torsion) * ca.DM([[0, 1], [-1, 0]])
+
+
+def _between(softness: Any, transfer: Any) -> Any:
+    """The step with compliances before and behind it."""
+    n = softness.shape[0]
+    shear = ca.SX.eye(2 * n)
+    shear[:n, n:] = ca.diag(softness)
+    return shear @ transfer @ shear
+
+
+def _sized(transfer: Any, unit: Any) -> Any:
+    """The transfer matrix of coordinates over their ``unit`` and momenta over its inverse."""
+    units = ca.vertcat(unit, 1 / unit)
+    return transfer * ((1 / units) @ units.T)
+
+
+def _irregular(block: Any) -> Any:
+    """In how many directions the symmetric part of a dimensionless block is less than it must be."""
+    return Ldl.of(0.5 * (block + block.T) - _REGULAR * ca.SX.eye(block.shape[0])).negative
