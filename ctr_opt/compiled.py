@@ -21,6 +21,7 @@ from .solvers.native import Goal, LoadRows, Native, RobotTable
 from .solvers.status import SolveStatus
 from .transcription.shape import Shape
 from .transcription.shooting import Nodes
+from .transcription.stability import SecondVariation
 
 _STEPS = 24  # room for so many steps in a result, until one needs more
 
@@ -35,6 +36,7 @@ class CompiledProblem:
         self._address = self._robot.address
         self._tubes = len(robot.tubes)
         self._size = native.size(_STEPS)
+        self._automatic = settings.formulation == "automatic"
         self._tolerances = Goal(settings.tolerance, settings.residual_tolerance)
         self._goal = ctypes.addressof(self._tolerances)
         self._mine = threading.local()
@@ -56,7 +58,9 @@ class CompiledProblem:
             else:
                 failed = self.native.warm(self._address, rows.address, inputs, start, self._goal, address, self._size)
             if not failed:
-                return CompiledEquilibrium(self, actuation, loads, numbers, address, perf_counter() - begin)
+                found = CompiledEquilibrium(self, actuation, loads, numbers, address, perf_counter() - begin)
+                leave = start is None and self._automatic and found.unstable_directions
+                return None if leave else found
             if failed != Native.TOO_SMALL:
                 return None
             self._size = 2 * int(numbers[Native.NEEDED])
@@ -111,6 +115,15 @@ class CompiledProblem:
         outputs = (refinements, tube, jacobian.ctypes.data, compliance.ctypes.data)
         failed = self.native.derive(self._address, rows.address, inputs, of.start, *outputs)
         return None if failed else (jacobian, compliance)
+
+    def stability(self, of: CompiledEquilibrium) -> SecondVariation | None:
+        """The second variation of the potential energy; None where the slower way must be taken."""
+        rows, inputs = self._inputs(of.actuation, of.loads)
+        assert rows is not None
+        margin = ctypes.c_double()
+        result = of.start - 8 * self.native.header
+        negative = self.native.stability(self._address, rows.address, inputs, result, margin)
+        return None if negative < 0 else SecondVariation(negative, margin.value > 0.0, abs(margin.value))
 
     def _inputs(self, actuation: Actuation, loads: tuple[Load, ...]) -> tuple[LoadRows | None, int]:
         """Loads as rows, made anew when they are others than last time, and the address of the actuation."""
@@ -221,6 +234,13 @@ class CompiledEquilibrium(Equilibrium):
         blocks = np.split(self._numbers[header + start :], np.cumsum((2 * steps, states * (steps + 1), states * steps)))
         right, left = (block.reshape(-1, states).T for block in blocks[1:3])
         return Shape(self._configuration, blocks[0].reshape(steps, 2), Nodes(right[:, :steps], left, right[:, steps]))
+
+    @cached_property
+    def _second_variation(self) -> SecondVariation | None:
+        if any(load.nonconservative for load in self.loads):
+            return None
+        found = None if self._problem is None else self._problem.stability(self)
+        return found or self._solved_shape.second_variation
 
     @cached_property
     def tip_position(self) -> Array:

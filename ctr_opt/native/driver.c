@@ -7,7 +7,7 @@
 #endif
 
 enum { /* a result: numbers, then blocks */
-  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_STIFFNESS, R_REFINEMENTS, R_TIED, R_NEEDED, R_COLD, R_UNSTABLE,
+  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_STIFFNESS, R_REFINEMENTS, R_TIED, R_NEEDED, R_COLD,
   HEADER = 16,
   START = NZ + NZ * NZ + 2, /* the block that a solve may start from: unknowns, Jacobian, units of moment and force */
 };
@@ -24,6 +24,17 @@ EXPORT int sizes(int *out) {
   const int values[] = {NX, NZ, HEADER, POINT_ROW, SPAN_ROW};
   memcpy(out, values, sizeof values);
   return sizeof values / sizeof *values;
+}
+
+/* The layout of a result, its steps halved as often. */
+static int again(const Robot *robot, const Loads *loads, const double *actuation, int refinements, Layout *layout) {
+  Layout finer;
+  int failed = lay_out(robot, loads, actuation, layout);
+  for (int k = 0; k < refinements && !failed; k++) {
+    failed = halve(layout, &finer);
+    *layout = finer;
+  }
+  return failed;
 }
 
 /* A solve on ever finer meshes, from z near the solution on the first, until the estimated error meets the tolerance. */
@@ -114,6 +125,16 @@ EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation,
   return failed;
 }
 
+/* How many directions lower the potential energy, -1 where that is not told; see stability.h. For loads that have one. */
+EXPORT int stability(const Robot *robot, const Loads *loads, const double *actuation, const double *result, double *margin) {
+  empty();
+  Layout layout;
+  Case c;
+  const double *mesh = result + HEADER + START;
+  if (again(robot, loads, actuation, (int)result[R_REFINEMENTS], &layout) || pack(&layout, &RK8, &c)) return NOT_TOLD;
+  return unstable_directions(&c, mesh + 2 * layout.steps, margin);
+}
+
 /* Many solves, each from the one before if `chained`, else from `first`, and where that fails or is NULL from nothing.
    Results stand `size` numbers apart; `failed` says of each what a single call would return. */
 EXPORT void many(const Robot *robot, const Loads *const *loads, const double *actuations, long count, const double *first,
@@ -148,7 +169,7 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
 /* The turn of the frame in the world, from a change of the state: R times the body's turn, with that of a tube about the
    tangent. */
 static void pose_rates(const double *x, const double *along, int width, int tube, double *rates_) {
-  double part[3 * EVERY], inner[BEHIND_INNER], outer[BEHIND_OUTER], none[POINT] = {0};
+  double part[3 * PADDED(EVERY)], inner[BEHIND_INNER], outer[BEHIND_OUTER], none[POINT] = {0};
   behind_slopes(x, none, inner, outer);
   apply_turn(inner, along, part, width);
   const double *q = x + AT_ORIENTATION;
@@ -171,13 +192,9 @@ EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuatio
                   int tube, double *jacobian, double *compliance) {
   enum { WIDTH = PADDED(EVERY) };
   empty();
-  Layout layout, finer;
+  Layout layout;
   Case c;
-  int failed = lay_out(robot, loads, actuation, &layout);
-  for (int k = 0; k < refinements && !failed; k++) {
-    failed = halve(&layout, &finer);
-    layout = finer;
-  }
+  int failed = again(robot, loads, actuation, refinements, &layout);
   if (!failed) failed = LIVE || layout.tied || layout.ends[tube] < layout.length ? REFUSED : pack(&layout, &RK8, &c);
   if (failed) return failed;
   double along[NX * WIDTH], rates_[6 * WIDTH], tip[NZ * NZ], right[NZ * WIDTH];

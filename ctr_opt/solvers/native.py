@@ -123,7 +123,7 @@ class Native:
     """
 
     TOO_SMALL = 3
-    ITERATIONS, RESIDUAL, ERROR, STEPS, LENGTH, STIFFNESS, REFINEMENTS, TIED, NEEDED, COLD, UNSTABLE = range(11)
+    ITERATIONS, RESIDUAL, ERROR, STEPS, LENGTH, STIFFNESS, REFINEMENTS, TIED, NEEDED, COLD = range(10)
 
     def __init__(self, library: ctypes.CDLL) -> None:
         def function(name: str, *arguments: Any) -> Any:
@@ -136,6 +136,7 @@ class Native:
         self.cold = function("cold", *case, _ADDRESS, _ADDRESS, _LONG)
         self.many = function("many", *case, _LONG, _ADDRESS, _INT, _ADDRESS, _ADDRESS, _LONG, _ADDRESS)
         self.derive = function("derive", *case, _ADDRESS, _INT, _INT, _ADDRESS, _ADDRESS)
+        self.stability = function("stability", *case, _ADDRESS, ctypes.POINTER(ctypes.c_double))
         self.integrate = function("integrate", *case, _ADDRESS, _INT, _INT, _ADDRESS)
         numbers = (_INT * 8)()
         library.sizes(numbers)

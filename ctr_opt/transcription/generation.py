@@ -23,8 +23,20 @@ from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
 from .columns import StepColumns
 from .integrators import INTEGRATORS, runge_kutta
+from .second_variation import second_variation_functions
+from .shooting import shooting_functions
 
-_DRIVER = ("trigonometry.h", "dense.h", "sweep.h", "layout.h", "pack.h", "shooting.h", "newton.h", "driver.c")
+_DRIVER = (
+    "trigonometry.h",
+    "dense.h",
+    "sweep.h",
+    "layout.h",
+    "pack.h",
+    "shooting.h",
+    "newton.h",
+    "stability.h",
+    "driver.c",
+)
 
 
 @attrs.frozen(eq=False)
@@ -86,17 +98,11 @@ def _bodies(routines: Sequence[_Routine]) -> tuple[str, list[str]]:
     for routine in routines:
         generator.add(routine.function())
     text = generator.dump()
-    auxiliary = (
-        "\n".join(
-            "INLINE " + each
-            for each in re.findall(r"^casadi_real casadi_\w+\([^;{]*\) \{[^\n]*\}$", text, re.MULTILINE)
-        )
-        + "\n"
-    )
+    auxiliary = re.findall(r"^casadi_real casadi_\w+\([^;{]*\) *\{.*?\}$", text, re.MULTILINE | re.DOTALL)
     bodies = re.findall(r"^static int casadi_f\d+\([^{]*\{\n(.*?)\n  return 0;\n\}", text, re.MULTILINE | re.DOTALL)
     if len(bodies) != len(routines):
         raise NotImplementedError("the code that CasADi generates has an unknown form")
-    return auxiliary, bodies
+    return "\n".join(f"INLINE {each}" for each in auxiliary), bodies
 
 
 def _apply(name: str, matrix: ca.SX, inputs: Sequence[tuple[str, int]], output: str) -> str:
@@ -125,6 +131,7 @@ class _Model:
     def __init__(self, tubes: int, kind: LoadKind) -> None:
         self.tubes, self.kind = tubes, kind
         self.layout = StepColumns(tubes, 1, kind)
+        self.functions = shooting_functions(tubes, "RK8", kind)
         self.x = ca.SX.sym("x", State.size(tubes))
         self.state = State.split(self.x, tubes)
         self.turn, self.bent = ca.SX.sym("phi", 3), ca.SX.sym("u", 2)
@@ -145,7 +152,8 @@ class _Model:
 
     def routines(self) -> list[_Routine]:
         """Rates, their derivatives, and the effect of a point load."""
-        return [self._rates(), self._slopes(), self._drift(), self._behind(), self._behind_slopes()]
+        own = [self._rates(), self._slopes(), self._drift(), self._behind(), self._behind_slopes()]
+        return own if self.kind.live else [*own, *self._second_variation()]
 
     def products(self) -> str:
         """The sparse products that belong to the derivatives."""
@@ -219,6 +227,30 @@ class _Model:
         outputs = {"inner": _nonzeros(self._turn_rows()), "outer": _nonzeros(self._behind_outer())}
         return _Routine("behind_slopes", {"x": self.x, "point": self.point}, outputs)
 
+    def _second_variation(self) -> list[_Routine]:
+        """The parts of the count of negative directions; directions stand row by row, other matrices by columns."""
+        functions = second_variation_functions(self.tubes, "RK8", self.kind)
+        count, lanes = 2 * functions.size, _lanes(2 * functions.size)
+        rows = functions.directions(self.x)[:, 1:].T
+        along = ca.SX.sym("along", lanes, State.size(self.tubes))
+        column = ca.SX.sym("column", self.functions.columns.size)
+        transfer, _, flexibility, doubtful, defect = functions.told(ca.horzcat(self.x, along[:count, :].T), column)
+        told = {"transfer": transfer, "flexibility": flexibility, "doubtful": doubtful, "defect": defect}
+        n = functions.size
+        w, t, f = ca.SX.sym("W", n, n), ca.SX.sym("T", 2 * n, 2 * n), ca.SX.sym("flexibility", n)
+        shift, compliance = ca.SX.sym("shift"), ca.SX.sym("compliance", self.tubes)
+        before, negative, lost = functions.eliminate(w, t, ca.SX(0, 0), f, shift)
+        inputs = {"W": w, "transfer": t, "flexibility": f, "shift": shift}
+        at_entry = functions.entry(w, compliance, shift)
+        return [
+            _Routine(
+                "directions", {"x": self.x}, {"along": ca.vertcat(rows, ca.SX.zeros(lanes - count, rows.shape[1]))}
+            ),
+            _Routine("told", {"x": self.x, "along": along, "column": column}, told),
+            _Routine("eliminate", inputs, {"before": before, "negative": negative, "lost": lost}),
+            _Routine("entry", {"W": w, "compliance": compliance, "shift": shift}, {"negative": at_entry}),
+        ]
+
     def constants(self) -> str:
         """Sizes, the parts of a column, and where the parts of a state begin."""
         tubes, layout = self.tubes, self.layout
@@ -228,7 +260,6 @@ class _Model:
             "TUBES": tubes,
             "NX": State.size(tubes),
             "NZ": len(boundary.tip_rows(tubes, self.kind.live)),
-            "LIVE": int(self.kind.live),
             "PARTS": len(sizes),
             "SHARED": sum(size for name, size in sizes.items() if not nodal[name]),
             "AT_NODES": sum(size for name, size in sizes.items() if nodal[name]),
@@ -237,14 +268,14 @@ class _Model:
             "OUTER": self._outer().nnz(),
             "BEHIND_INNER": self._turn_rows().nnz(),
             "BEHIND_OUTER": self._behind_outer().nnz(),
-            "LANES": 4 * ((tubes + 3) // 4),
+            "LANES": _lanes(tubes),
             "MOST_UNKNOWNS": State.size(tubes),
             "MOST_STAGES": max(len(runge_kutta(name).nodes) for name in INTEGRATORS),
         }
         names |= {f"AT_{name.upper()}": part.start for name, part in State.parts(tubes).items()}
         names |= {f"PART_{name.upper()}": k for k, name in enumerate(sizes)}
         assert layout.size == 1 + names["SHARED"] + names["AT_NODES"] + names["POINT"]
-        text = f"#define BODY {int(self.kind.body)}\n"
+        text = f"#define BODY {int(self.kind.body)}\n#define LIVE {int(self.kind.live)}\n"
         text += f"enum {{ {', '.join(f'{name} = {value}' for name, value in names.items())} }};\n"
         text += _array("int", "PART_SIZE", sizes.values()) + _array("int", "PART_AT_NODES", nodal.values())
         return text + _array("int", "TIP_ROWS", boundary.tip_rows(tubes, self.kind.live))
@@ -261,6 +292,11 @@ INLINE void circle(const double *restrict angles, double *restrict sines, double
 
 
 _SHARED = ("bending_stiffness", "torsional_stiffness", "unit")  # by all nodes of a step
+
+
+def _lanes(count: int) -> int:
+    """The next multiple of what processors take side by side."""
+    return 4 * ((count + 3) // 4)
 
 
 def _nonzeros(matrix: ca.SX) -> Any:

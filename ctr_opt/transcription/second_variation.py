@@ -41,6 +41,7 @@ class SecondVariationFunctions:
         self.bent = 2 + tubes  # entries of q with an elastic stiffness; a position has none
         self.positions = 3 if kind.live else 0
         self.size = self.bent + self.positions
+        self.directions, self.told = self._directions_at(), self._told()
         self.transfer = self._transfer()
         self.eliminate = self._eliminate()
         self.entry = self._entry()
@@ -93,9 +94,21 @@ class SecondVariationFunctions:
 
     def _transfer(self) -> ca.Function:
         """In MX around the functions in SX, as writing the step out once more would cost more than calls do."""
+        x, column = ca.MX.sym("x", State.size(self.tubes)), ca.MX.sym("column", self.shooting.columns.size)
+        step = self.shooting._linear_step(2 * self.size)
+        names = ["T", "H", "flexibility", "doubtful", "defect"]
+        results = self.told.call([step(self.directions(x), column), column])
+        return ca.Function("transfer", [x, column], results, ["x", "column"], names)
+
+    def _directions_at(self) -> ca.Function:
+        """A state, and beside it the directions to follow over a step."""
+        state = ca.SX.sym("x", State.size(self.tubes))
+        return ca.Function("directions", [state], [ca.densify(ca.horzcat(state, self._directions(state)))])
+
+    def _told(self) -> ca.Function:
+        """From the state at the end of a step, the directions there beside it, and the step's column, its results."""
         n, layout, size = self.size, self.shooting.columns, State.size(self.tubes)
         state, data, moved = ca.SX.sym("x", size), ca.SX.sym("column", layout.size), ca.SX.sym("moved", size, 2 * n)
-        directions = ca.Function("directions", [state], [ca.horzcat(state, self._directions(state))])
         transfer = self._coordinates(state, moved)
         hessian = ca.SX(self.positions, self.positions)
         if self.positions:
@@ -108,12 +121,7 @@ class SecondVariationFunctions:
         _, b, _, d = (block[: self.bent, : self.bent] for block in quarters(own))
         doubtful = ca.if_else(data[0] == 0, 0, _irregular(b) + _irregular(d))
         results = [ca.densify(transfer), ca.densify(hessian), flexible, doubtful, symplectic_defect(own)]
-        told = ca.Function("told", [ca.horzcat(state, moved), data], results)
-        x, column = ca.MX.sym("x", size), ca.MX.sym("column", layout.size)
-        step = self.shooting._linear_step(2 * n)
-        names = ["T", "H", "flexibility", "doubtful", "defect"]
-        results = told(step(directions(x), column), column)
-        return ca.Function("transfer", [x, column], results, ["x", "column"], names)
+        return ca.Function("told", [ca.horzcat(state, moved), data], results)
 
     def _flexibility(self, column: Any) -> Any:
         """By how much the step's end moves under unit momenta there: ``h / K``, and ``h^3 / K`` of a position."""

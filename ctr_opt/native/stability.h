@@ -1,0 +1,49 @@
+/* The number of directions in which the potential energy falls: see transcription/second_variation.py, whose steps these
+   are. Negative: not defined, or the steps are too coarse to tell. */
+
+enum { NOT_TOLD = -1, MANY = 2 * (2 + TUBES), COUNTED = PADDED(MANY) };
+static const double MARGIN = 1e-7;
+
+#if LIVE
+static int unstable_directions(const Case *c, const double *right, double *margin) { return NOT_TOLD; }
+#else
+typedef struct {
+  double transfer[MANY * MANY], flexibility[MANY / 2];
+} Linear;
+
+static int count(const Case *c, const Linear *linear, double shift) {
+  double w[MANY * MANY / 4] = {0}, before[MANY * MANY / 4], negative, lost, total = 0.0;
+  for (int k = c->track.steps - 1; k >= 0; k--) {
+    eliminate(w, linear[k].transfer, linear[k].flexibility, &shift, before, &negative, &lost);
+    if (lost != 0.0) return NOT_TOLD;
+    total += negative;
+    memcpy(w, before, sizeof w);
+  }
+  entry(w, c->compliance, &shift, &negative);
+  return (int)(total + negative);
+}
+
+/* From the states `right` where steps begin. The margin is that of an eigenvalue told from zero, and negative where one is
+   not: then the second variation is not positive, though it may have no negative direction. */
+static int unstable_directions(const Case *c, const double *right, double *margin) {
+  Linear *linear = take(sizeof(Linear) * c->track.steps);
+  if (!linear) return NOT_TOLD;
+  const int size = column_size(c->track.rk);
+  *margin = MARGIN;
+  for (int k = 0; k < c->track.steps; k++) {
+    const double *column = c->columns + (size_t)k * size;
+    double x[NX], along[NX * COUNTED], doubtful, defect;
+    memcpy(x, right + (size_t)k * NX, sizeof x);
+    directions(x, along);
+    advance_along(c->track.rk, column, c->flags[k], NULL, 0, x, along, COUNTED);
+    if (c->flags[k] & LOADED) behind_along(point_data(c->track.rk, column), x, along, COUNTED);
+    told(x, along, column, linear[k].transfer, linear[k].flexibility, &doubtful, &defect);
+    if (doubtful != 0.0 || !(defect < 1.0)) return NOT_TOLD;
+    *margin = fmax(*margin, defect);
+  }
+  const int negative = count(c, linear, *margin);
+  if (negative <= 0) return negative;
+  *margin = -*margin;
+  return count(c, linear, *margin);
+}
+#endif
