@@ -124,9 +124,7 @@ def _build(entry: Entry | None, source: str | Callable[[], str], found: Compiler
 
 
 def _cannot_keep(error: OSError) -> None:
-    _warn_once(
-        f"compiled code is not kept for the next time: {error}; {DIRECTORY} names another directory",
-    )
+    _warn_once(f"compiled code is not kept for the next time: {error}; {DIRECTORY} names another directory")
 
 
 def _key(source: str, found: Compiler) -> str:
@@ -180,9 +178,9 @@ class Build:
 
     def _fail(self, error: Exception) -> None:
         self.error = error
-        told = switched_off() or compiler() is None  # the user's choice, or logged when the compiler was looked for
-        if not (told or leaving.is_set()):
-            _warn_once(f"compilation failed, and CasADi's virtual machine is used, about ten times slower: {error}")
+        if leaving.is_set() or switched_off() or compiler() is None:
+            return  # nobody to tell, the user's choice, or told when the compiler was looked for
+        _warn_once(f"compilation failed, and CasADi's virtual machine is used, about ten times slower: {error}")
 
     def _follow_fork(self) -> None:
         if self._process != os.getpid() and self._library is None and self.error is None:

@@ -28,6 +28,7 @@ FLAGS = (
     *("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast"),
 )
 TUNINGS = ("-march=native", "-mcpu=native")  # the first that the compiler and its assembler accept is used
+SUFFIX = ".dll" if os.name == "nt" else ".so"  # of a library
 
 _USUAL = ("cc", "gcc", "clang")
 _TIMEOUT = 120.0  # seconds for one compilation
@@ -37,6 +38,7 @@ _TRIAL = "void f(double *a, const double *b) { for (int i = 0; i < 64; i++) a[i]
 
 _LOG = logging.getLogger(__name__)
 _lock = threading.Lock()
+_starting = threading.RLock()  # held to start what must be ended when the interpreter exits
 leaving = threading.Event()  # set when the interpreter exits: what fails from then on is not worth a word
 _running: set[subprocess.Popen[bytes]] = set()
 _private: set[Path] = set()
@@ -69,7 +71,7 @@ class Compiler:
         command = (*self.command, *flags, "-o", str(library), str(code), "-lm")
         try:
             code.write_text(source, encoding="utf-8")
-            status, said = _run(command, timeout)
+            status, said = _run(command, timeout, directory)
         except OSError as error:
             raise CompilationError(f"cannot compile: {error}") from error
         if status != 0 or not library.is_file():
@@ -77,9 +79,6 @@ class Compiler:
             last = "\n".join(said.splitlines()[-_LINES:])
             raise CompilationError(f"the C compiler {ending}: {shlex.join(command)}\n{last}".rstrip())
         return library
-
-
-SUFFIX = ".dll" if os.name == "nt" else ".so"
 
 
 def switched_off() -> bool:
@@ -119,8 +118,8 @@ def _given() -> str:
 
 def _none_found() -> str:
     return (
-        f"no C compiler found ({f'CC={_given()}' if _given() else ', '.join(_USUAL)}): it works in CasADi's virtual "
-        "machine, about ten times slower; install gcc or clang, name a compiler in CC, or set "
+        f"no C compiler found ({f'CC={_given()}' if _given() else ', '.join(_USUAL)}): ctr_opt works in CasADi's "
+        "virtual machine, about ten times slower; install gcc or clang, name a compiler in CC, or set "
         f"{SWITCH}=0 to go without"
     )
 
@@ -165,11 +164,12 @@ def private_directory() -> Iterator[Path]:
     CompilationError
         There is no place for temporary files.
     """
-    try:
-        directory = Path(tempfile.mkdtemp(prefix="ctr_opt-"))
-    except OSError as error:
-        raise CompilationError(f"no directory for temporary files: {error}") from error
-    _private.add(directory)
+    with _until_exit():
+        try:
+            directory = Path(tempfile.mkdtemp(prefix="ctr_opt-"))
+        except OSError as error:
+            raise CompilationError(f"no directory for temporary files: {error}") from error
+        _private.add(directory)
     try:
         yield directory
     finally:
@@ -177,16 +177,24 @@ def private_directory() -> Iterator[Path]:
         shutil.rmtree(directory, ignore_errors=True)
 
 
-def _run(command: tuple[str, ...], timeout: float) -> tuple[int | None, str]:
+def _run(command: tuple[str, ...], timeout: float, directory: Path | None = None) -> tuple[int | None, str]:
     """Exit status, None after ``timeout`` seconds, and all that the command said.
+
+    Its own temporary files are in ``directory``, so that they go with it when the command is killed.
 
     The output goes to a file, as a pipe stays open, and is waited for, while any child of the compiler lives.
     """
     with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
-        )
-        _running.add(process)
+        with _until_exit():
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **dict.fromkeys(("TMPDIR", "TMP", "TEMP") if directory else (), str(directory))},
+                start_new_session=True,
+            )
+            _running.add(process)
         status = None
         try:
             with suppress(subprocess.TimeoutExpired):
@@ -210,10 +218,19 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
         process.wait(_ANSWER)
 
 
+@contextmanager
+def _until_exit() -> Iterator[None]:
+    with _starting:
+        if leaving.is_set():
+            raise CompilationError("the interpreter exits")
+        yield
+
+
 @atexit.register
 def _leave_nothing_behind() -> None:
     """Threads that wait for a compiler end with the interpreter; the compiler and its files would stay."""
-    leaving.set()
+    with _starting:
+        leaving.set()
     for process in list(_running):
         _kill(process)
     for directory in list(_private):
@@ -222,11 +239,17 @@ def _leave_nothing_behind() -> None:
 
 def _forget_parent() -> None:
     """In a forked process: the compilers and directories are the parent's, and its threads will release no lock."""
-    global _lock
-    _lock = threading.Lock()
+    global _lock, _starting
+    _lock, _starting = threading.Lock(), threading.RLock()
     _running.clear()
     _private.clear()
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_parent)
+    # No fork while a compiler starts: Popen waits for all copies of a pipe to be closed, and the forked process, which
+    # would have one, may wait for the library.
+    os.register_at_fork(
+        before=lambda: _starting.acquire() and None,
+        after_in_parent=lambda: _starting.release(),
+        after_in_child=_forget_parent,
+    )
