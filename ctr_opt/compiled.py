@@ -17,10 +17,11 @@ from .robot.checks import Array
 from .robot.loads import Load
 from .robot.robot import Robot
 from .settings import Settings
+from .solvers.accuracy import estimate_error_of_nodes
 from .solvers.native import Goal, LoadRows, Native, RobotTable
 from .solvers.status import SolveStatus
 from .transcription.shape import Shape
-from .transcription.shooting import Nodes
+from .transcription.shooting import Nodes, Shooting
 from .transcription.stability import SecondVariation
 
 _STEPS = 24  # room for so many steps in a result, until one needs more
@@ -115,6 +116,17 @@ class CompiledProblem:
         outputs = (refinements, tube, jacobian.ctypes.data, compliance.ctypes.data)
         failed = self.native.derive(self._address, rows.address, inputs, of.start, *outputs)
         return None if failed else (jacobian, compliance)
+
+    def inspect(self, of: CompiledEquilibrium) -> tuple[Array, float] | None:
+        """The exact Jacobian of the tip conditions, and the estimated error over the length."""
+        rows, inputs = self._inputs(of.actuation, of.loads)
+        assert rows is not None
+        k = self.native.unknowns
+        out = np.empty(k * k + 1)
+        failed = self.native.inspect(
+            self._address, rows.address, inputs, of.start - 8 * self.native.header, out.ctypes.data
+        )
+        return None if failed else (out[:-1].reshape(k, k), float(out[-1]))
 
     def stability(self, of: CompiledEquilibrium) -> SecondVariation | None:
         """The second variation of the potential energy; None where the slower way must be taken."""
@@ -216,16 +228,28 @@ class CompiledEquilibrium(Equilibrium):
 
     @cached_property
     def _outcome(self) -> Outcome:  # type: ignore[override]
-        unknowns = self._sizes[2]
+        jacobian, error = self._inspected
         return Outcome(
             SolveStatus.CONVERGED,
             "homotopy" if self._numbers[Native.COLD] else "newton from initial",
             iterations=int(self._numbers[Native.ITERATIONS]),
             solve_time=self._time,
             residual_norm=float(self._numbers[Native.RESIDUAL]),
-            discretization_error=float(self._numbers[Native.ERROR]) * self.length,
-            jacobian=self._block[unknowns : unknowns + unknowns**2].reshape(unknowns, unknowns),
+            discretization_error=error * self.length,
+            jacobian=jacobian,
         )
+
+    @cached_property
+    def _inspected(self) -> tuple[Array, float]:
+        """What a solve leaves for later: the Jacobian and the estimated error, of which it only needs a bound."""
+        found = None if self._problem is None else self._problem.inspect(self)
+        if found is not None:
+            return found
+        configuration, shape = self._configuration, self._solved_shape
+        shooting = Shooting(configuration, shape.mesh)
+        z = self._base.unknowns(configuration.scales, configuration.kind.live)
+        estimate, solution = estimate_error_of_nodes(shooting, z, shape.nodes)
+        return solution.jacobian, estimate.error
 
     @cached_property
     def _solved_shape(self) -> Shape:  # type: ignore[override]

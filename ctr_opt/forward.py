@@ -123,7 +123,8 @@ class ForwardProblem:
                 body = True
         problem = self._compiled.get(body)
         if problem is None:
-            native = library(len(self.robot.tubes), body).ready()
+            kept = library(len(self.robot.tubes), body)
+            native = kept.built() if self.compiled else kept.ready()
             if native is None:
                 return None
             problem = self._compiled[body] = CompiledProblem(self.robot, self.settings, native)

@@ -16,8 +16,8 @@ typedef struct {
   double error, residual; /* to be met: of positions over the length, and of the scaled tip conditions */
 } Goal;
 
-static const int MOST_REFINEMENTS = 3;
-static const double NEARLY = 1e-6; /* residual from which Newton's method needs one more step */
+static const int MOST_REFINEMENTS = 3, MOST_CUTS = 3;
+static const double SAFETY = 10.0; /* the sum of local errors, so multiplied, bounds the error in all robots tried */
 
 /* For Python to check that it reads what is written here. */
 EXPORT int sizes(int *out) {
@@ -37,15 +37,15 @@ static int again(const Robot *robot, const Loads *loads, const double *actuation
   return failed;
 }
 
-/* A solve on ever finer meshes, from z near the solution on the first, until the estimated error meets the tolerance. */
-static int refine(const Case *first, double *z, const Goal *goal, int iterations, double *result, long capacity) {
-  Case now = *first, halves;
+/* A solve on ever finer meshes, from z near the solution on the first and a Jacobian nearby, until the error of positions
+   is below the tolerance: by the sum of local errors or, where that is too large, by half the steps' length. R_ERROR is
+   negative where it is only known to be below. The Jacobian left is that of RK4. */
+static int refine(Layout *layout, double *z, const double *jacobian, const Goal *goal, int iterations, double *result,
+                  long capacity) {
+  double inverse_[NZ * NZ], residual[NZ];
+  if (inverse(NZ, jacobian, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
   for (int refinements = 0; refinements <= MOST_REFINEMENTS; refinements++) {
-    Layout *finer = take(sizeof *finer);
-    int failed = finer ? halve(now.layout, finer) : NO_MEMORY;
-    if (!failed) failed = pack(finer, &RK8, &halves);
-    if (failed) return failed;
-    const long n = now.track.steps, needed = HEADER + START + 2 * n + NX * (2 * n + 1);
+    const long n = layout->steps, needed = HEADER + START + 2 * n + NX * (2 * n + 1);
     if (needed > capacity) {
       result[R_NEEDED] = needed;
       return TOO_SMALL;
@@ -53,21 +53,36 @@ static int refine(const Case *first, double *z, const Goal *goal, int iterations
     double *out = result + HEADER, *mesh = out + START;
     Found found = {.iterations = iterations, .right = mesh + 2 * n, .left = mesh + 2 * n + NX * (n + 1)};
     memcpy(found.z, z, sizeof found.z);
-    failed = finish(&now, &halves, goal->residual, &found);
+    Case c, halves, coarse;
+    int failed = pack(layout, &RK8, &c);
+    if (!failed) failed = approach(&c, inverse_, goal->residual, INFINITY, &found);
+    if (failed == DIVERGED) {
+      memcpy(found.z, z, sizeof found.z);
+      failed = polish(&c, goal->residual, &found);
+    }
     if (failed) return failed;
     memcpy(z, found.z, sizeof found.z);
     iterations = found.iterations;
-    if (found.error > goal->error) {
-      now = halves;
+    double error = -SAFETY * found.local - 1e-12;
+    Layout *finer = NULL;
+    if (!(-error <= goal->error)) {
+      finer = take(sizeof *finer);
+      failed = finer ? halve(layout, finer) : NO_MEMORY;
+      if (!failed) failed = pack(finer, &RK8, &halves);
+      if (!failed) failed = examine(&c, &halves, z, found.left, out + NZ, &error);
+      if (failed) return failed;
+    }
+    if (error > goal->error) {
+      layout = finer;
       continue;
     }
-    const Layout *layout = now.layout;
-    const double header[] = {iterations, found.residual, found.error, n, layout->length, layout->stiffness, refinements,
-                             layout->tied};
+    failed = pack(layout, &RK4, &coarse);
+    if (failed) return failed;
+    linearize(&coarse, z, residual, out + NZ, NULL);
+    const double header[] = {iterations, found.residual, error, n, layout->length, layout->stiffness, refinements,
+                             layout->tied, needed, 0.0};
     memcpy(result, header, sizeof header);
     memcpy(out, found.z, sizeof found.z);
-    memcpy(out + NZ, found.jacobian, sizeof found.jacobian);
-    result[R_COLD] = 0.0;
     out[START - 2] = moment_scale(layout);
     out[START - 1] = force_scale(layout);
     for (long k = 0; k < n; k++) {
@@ -84,11 +99,9 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
                 double *result, long capacity) {
   empty();
   Layout layout;
-  Case c;
   int failed = lay_out(robot, loads, actuation, &layout);
-  if (!failed) failed = pack(&layout, &RK8, &c);
   if (failed) return failed;
-  double z[NZ], unit[NZ], before[NZ * NZ], inverse_[NZ * NZ];
+  double z[NZ], unit[NZ], before[NZ * NZ];
   const double *old = start + NZ;
   const double moment = start[START - 2] / moment_scale(&layout), force = start[START - 1] / force_scale(&layout);
   for (int i = 0; i < NZ; i++) unit[i] = i < 2 + TUBES ? moment : force;
@@ -96,10 +109,7 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
     z[i] = start[i] * unit[i];
     for (int j = 0; j < NZ; j++) before[i * NZ + j] = old[i * NZ + j] * unit[i] / unit[j];
   }
-  if (inverse(NZ, before, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
-  int sweeps = 0;
-  failed = approach(&c, z, inverse_, NEARLY, &sweeps);
-  if (!failed) failed = refine(&c, z, goal, sweeps, result, capacity);
+  failed = refine(&layout, z, before, goal, 0, result, capacity);
   if (!failed && !regular_between(before, result + HEADER + NZ)) failed = PERHAPS_ANOTHER_BRANCH;
   return failed;
 }
@@ -110,29 +120,47 @@ EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation,
                 long capacity) {
   empty();
   Layout layout;
-  Case coarse, fine;
   int failed = lay_out(robot, loads, actuation, &layout), iterations = 0;
-  if (!failed) failed = pack(&layout, &RK4, &coarse);
-  if (!failed) failed = pack(&layout, &RK8, &fine);
   if (failed) return failed;
-  for (const Case *path = &coarse; path; path = path == &coarse ? &fine : NULL) {
-    double z[NZ];
-    failed = follow(path, z, &iterations);
-    if (!failed) failed = refine(&fine, z, goal, iterations, result, capacity);
+  const Tableau *ways[] = {&RK4, &RK8};
+  for (int k = 0; k < 2; k++) {
+    double z[NZ], jacobian[NZ * NZ];
+    Case c;
+    failed = pack(&layout, ways[k], &c);
+    if (!failed) failed = follow(&c, z, jacobian, &iterations);
+    if (!failed) failed = refine(&layout, z, jacobian, goal, iterations, result, capacity);
     if (!failed || failed == TOO_SMALL) break;
   }
   if (!failed) result[R_COLD] = 1.0;
   return failed;
 }
 
+/* Of a result, exactly: the Jacobian of the tip conditions, and behind it the estimated error of positions. */
+EXPORT int inspect(const Robot *robot, const Loads *loads, const double *actuation, const double *result, double *out) {
+  empty();
+  Layout layout, finer;
+  Case c, halves;
+  int failed = again(robot, loads, actuation, (int)result[R_REFINEMENTS], &layout);
+  if (!failed) failed = halve(&layout, &finer);
+  if (!failed) failed = pack(&layout, &RK8, &c);
+  if (!failed) failed = pack(&finer, &RK8, &halves);
+  const double *block = result + HEADER, *left = block + START + 2 * layout.steps + NX * (layout.steps + 1);
+  return failed ? failed : examine(&c, &halves, block, left, out, out + NZ * NZ);
+}
+
 /* How many directions lower the potential energy, -1 where that is not told; see stability.h. For loads that have one. */
 EXPORT int stability(const Robot *robot, const Loads *loads, const double *actuation, const double *result, double *margin) {
   empty();
-  Layout layout;
-  Case c;
-  const double *mesh = result + HEADER + START;
-  if (again(robot, loads, actuation, (int)result[R_REFINEMENTS], &layout) || pack(&layout, &RK8, &c)) return NOT_TOLD;
-  return unstable_directions(&c, mesh + 2 * layout.steps, margin);
+  const int refinements = (int)result[R_REFINEMENTS];
+  const double *right = result + HEADER + START + 2 * (int)result[R_STEPS];
+  int found = NOT_TOLD;
+  for (int cuts = 0; cuts <= MOST_CUTS && found == NOT_TOLD; cuts++) { /* coarse steps may hide something */
+    Layout layout;
+    Case c;
+    if (again(robot, loads, actuation, refinements + cuts, &layout) || pack(&layout, &RK8, &c)) return NOT_TOLD;
+    found = unstable_directions(&c, right, 1 << cuts, margin);
+  }
+  return found;
 }
 
 /* Many solves, each from the one before if `chained`, else from `first`, and where that fails or is NULL from nothing.
@@ -160,7 +188,7 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
   for (int k = 0; k < repeats && !failed; k++) {
     double residual[NZ], jacobian[NZ * NZ];
     if (directions) linearize(&c, z, residual, jacobian, NULL);
-    else shoot(&c, z, residual, NULL, NULL);
+    else shoot(&c, z, residual, NULL, NULL, NULL);
     memcpy(tip, residual, sizeof residual);
   }
   return failed;

@@ -137,6 +137,7 @@ static int nearest(const Layout *layout, double s) {
 
 /* Where a load acts: on its tube, or refused. */
 static int place(const Layout *layout, double s, int tube, Break *found) {
+  if (tube >= TUBES) return REFUSED;
   const double end = layout->ends[tube];
   if (isnan(s)) {
     *found = (Break){end, tube};

@@ -3,6 +3,7 @@
 enum { DIVERGED = 10, SINGULAR, PERHAPS_ANOTHER_BRANCH, INACCURATE, PATH_ENDED };
 
 static const double CONTRACTION = 0.5, REGULAR = 0.6, MOST_INVERSE = 1e4;
+static const double NEARBY = 1e-3, NEARLY = 1e-4; /* a step after which Broyden's method finishes; a residual before its end */
 
 /* z - H r, and the size of the correction. */
 static double correct(const double *inverse, const double *residual, double *z) {
@@ -10,33 +11,6 @@ static double correct(const double *inverse, const double *residual, double *z) 
   multiply(NZ, NZ, 1, inverse, residual, step);
   for (int i = 0; i < NZ; i++) z[i] -= step[i];
   return norm(NZ, step);
-}
-
-/* Broyden's method from the inverse of a Jacobian nearby: one sweep an iteration, down to `enough`. */
-static int approach(const Case *c, double *z, double *inverse, double enough, int *sweeps) {
-  double residual[NZ], next[NZ], step[NZ], before = INFINITY;
-  shoot(c, z, residual, NULL, NULL);
-  ++*sweeps;
-  for (int iteration = 0; iteration < 12; iteration++) {
-    if (largest(NZ, residual) <= enough) return 0;
-    multiply(NZ, NZ, 1, inverse, residual, step);
-    const double size = norm(NZ, step);
-    if (!(size <= (iteration ? CONTRACTION : 1.0) * before)) return DIVERGED;
-    before = size;
-    for (int i = 0; i < NZ; i++) z[i] -= step[i];
-    shoot(c, z, next, NULL, NULL);
-    ++*sweeps;
-    double change[NZ], moved[NZ], row[NZ], scale = 0.0; /* step is minus the correction made */
-    for (int i = 0; i < NZ; i++) change[i] = next[i] - residual[i];
-    multiply(NZ, NZ, 1, inverse, change, moved);
-    multiply(1, NZ, NZ, step, inverse, row);
-    for (int i = 0; i < NZ; i++) scale -= step[i] * moved[i];
-    if (scale > 0.1 * size * size)
-      for (int i = 0; i < NZ; i++)
-        for (int j = 0; j < NZ; j++) inverse[i * NZ + j] += (-step[i] - moved[i]) * -row[j] / scale;
-    memcpy(residual, next, sizeof next);
-  }
-  return DIVERGED;
 }
 
 /* Whether a Jacobian can be taken to have stayed regular between a and b: the eigenvalues of a^-1 b lie within 62 degrees
@@ -64,47 +38,82 @@ static int regular_between(const double *a, const double *b) {
 /* -- what a solve leaves ----------------------------------------------------------------------------------------------- */
 
 typedef struct {
-  double z[NZ], jacobian[NZ * NZ], residual, error;
+  double z[NZ], residual, local; /* local: sum of the steps' local errors */
   int iterations;
-  double *right, *left; /* states behind and before the loads at the nodes */
+  double *right, *left;          /* states behind and before the loads at the nodes */
 } Found;
 
-/* Newton's method to the end, from near the solution, on the fine tableau; nodes and the estimated error of positions. */
-static int finish(const Case *c, const Case *halves, double tolerance, Found *found) {
-  const int n = c->track.steps;
-  double residual[NZ], inverse_[NZ * NZ];
-  double *positions = take(sizeof(double) * 3 * NZ * n);
-  double *fine = take(sizeof(double) * NX * 2 * n);
-  if (!positions || !fine) return NO_MEMORY;
-  double before = INFINITY;
-  for (int iteration = 0;; iteration++) {
-    if (iteration == 6) return DIVERGED;
-    linearize(c, found->z, residual, found->jacobian, positions);
+/* Broyden's method from the inverse of a Jacobian nearby, one sweep an iteration. `size` is that of the first step allowed;
+   nodes and errors are those of the last sweep. */
+static int approach(const Case *c, double *inverse_, double tolerance, double size, Found *found) {
+  double residual[NZ], next[NZ], step[NZ], change[NZ], moved[NZ], row[NZ];
+  for (int iteration = 0; iteration < 12; iteration++) {
+    const int last = iteration > 0 && found->residual < NEARLY; /* probably */
+    found->local = 0.0;
+    shoot(c, found->z, next, found->right, found->left, last ? &found->local : NULL);
     found->iterations++;
-    if (inverse(NZ, found->jacobian, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
+    found->residual = largest(NZ, next);
+    if (iteration > 0) {
+      double scale = 0.0; /* the step taken is -step */
+      for (int i = 0; i < NZ; i++) change[i] = next[i] - residual[i];
+      multiply(NZ, NZ, 1, inverse_, change, moved);
+      multiply(1, NZ, NZ, step, inverse_, row);
+      for (int i = 0; i < NZ; i++) scale -= step[i] * moved[i];
+      if (scale > 0.1 * size * size)
+        for (int i = 0; i < NZ; i++)
+          for (int j = 0; j < NZ; j++) inverse_[i * NZ + j] += (step[i] + moved[i]) * row[j] / scale;
+    }
+    if (found->residual <= tolerance) {
+      if (!last) shoot(c, found->z, next, found->right, found->left, &found->local);
+      return 0;
+    }
+    memcpy(residual, next, sizeof next);
+    multiply(NZ, NZ, 1, inverse_, residual, step);
+    const double now = norm(NZ, step);
+    if (!(now <= (iteration ? CONTRACTION : 1.0) * size)) return DIVERGED;
+    size = now;
+    for (int i = 0; i < NZ; i++) found->z[i] -= step[i];
+  }
+  return DIVERGED;
+}
+
+/* The same with fresh Jacobians, until Broyden's method finishes. */
+static int polish(const Case *c, double tolerance, Found *found) {
+  double residual[NZ], jacobian[NZ * NZ], inverse_[NZ * NZ], before = INFINITY;
+  for (int iteration = 0; iteration < 6; iteration++) {
+    linearize(c, found->z, residual, jacobian, NULL);
+    found->iterations++;
+    if (inverse(NZ, jacobian, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
     const double size = correct(inverse_, residual, found->z);
     if (!(size <= (iteration ? CONTRACTION : 1.0) * before)) return DIVERGED;
     before = size;
-    if (size > 1e-3) continue; /* the sweep below would not converge yet */
-    shoot(c, found->z, residual, found->right, found->left);
-    found->residual = largest(NZ, residual);
-    if (found->residual <= tolerance) break;
+    if (size < NEARBY) return approach(c, inverse_, tolerance, size, found);
   }
-  /* Half the steps' length: one chord step, seen at the nodes to first order. */
-  shoot(halves, found->z, residual, NULL, fine);
-  double step[NZ], most = 0.0;
+  return DIVERGED;
+}
+
+/* The Jacobian at z, and the estimated error of positions: twice the distance to half the steps' length, where one chord
+   step is seen at the nodes to first order. */
+static int examine(const Case *c, const Case *halves, const double *z, const double *left, double *jacobian, double *error) {
+  const int n = c->track.steps;
+  double residual[NZ], step[NZ], inverse_[NZ * NZ], most = 0.0;
+  double *positions = take(sizeof(double) * 3 * NZ * n), *fine = take(sizeof(double) * NX * 2 * n);
+  if (!positions || !fine) return NO_MEMORY;
+  linearize(c, z, residual, jacobian, positions);
+  if (inverse(NZ, jacobian, inverse_)) return SINGULAR;
+  shoot(halves, z, residual, NULL, fine, NULL);
   multiply(NZ, NZ, 1, inverse_, residual, step);
   for (int k = 0; k < n; k++) {
     double moved[3];
     for (int r = 0; r < 3; r++) {
-      moved[r] = fine[(size_t)(2 * k + 1) * NX + AT_POSITION + r] - found->left[(size_t)k * NX + AT_POSITION + r];
+      moved[r] = fine[(size_t)(2 * k + 1) * NX + AT_POSITION + r] - left[(size_t)k * NX + AT_POSITION + r];
       for (int i = 0; i < NZ; i++) moved[r] -= positions[((size_t)k * 3 + r) * NZ + i] * step[i];
     }
     const double size = size3(moved);
     if (!(size <= most)) most = size;
   }
-  found->error = 2.0 * most + 1e-12;
-  return isfinite(found->error) ? 0 : DIVERGED;
+  *error = 2.0 * most + 1e-12;
+  return isfinite(*error) ? 0 : DIVERGED;
 }
 
 /* -- continuation from the straight robot ------------------------------------------------------------------------------ */
@@ -131,7 +140,7 @@ static int arrive(const Case *c, Point *point, int *iterations) {
 }
 
 /* Follow the solution from the straight robot to the whole loads and precurvatures: see solvers/homotopy.py. */
-static int follow(const Case *c, double *z, int *iterations) {
+static int follow(const Case *c, double *z, double *jacobian, int *iterations) {
   const size_t size = sizeof(double) * column_size(c->track.rk) * c->track.steps;
   double *columns = take(size);
   if (!columns) return NO_MEMORY;
@@ -169,5 +178,6 @@ static int follow(const Case *c, double *z, int *iterations) {
     step *= used <= 1 ? 3.0 : used <= 2 ? 1.6 : 0.8;
   }
   memcpy(z, here.z, sizeof here.z);
+  memcpy(jacobian, here.jacobian, sizeof here.jacobian);
   return 0;
 }

@@ -11,13 +11,6 @@ typedef struct {
 static double moment_scale(const Layout *layout) { return layout->stiffness / layout->length; }
 static double force_scale(const Layout *layout) { return layout->stiffness / (layout->length * layout->length); }
 
-/* Where a part with data at the nodes begins in a column. */
-static int part_start(const Tableau *rk, int part) {
-  int start = 1;
-  for (int i = 0; i < part; i++) start += PART_AT_NODES[i] ? PART_SIZE[i] * rk->stages : PART_SIZE[i];
-  return start;
-}
-
 static void add3(double *to, const double *of, double factor) {
   for (int r = 0; r < 3; r++) to[r] += factor * of[r];
 }
@@ -91,6 +84,7 @@ static int pack(Layout *layout, const Tableau *rk, Case *c) {
   memset(c->columns, 0, sizeof(double) * size * n);
   memset(c->flags, 0, sizeof(int) * n);
   memset(c->shift, 0, layout->robot->degree ? sizeof(double) * 3 * TUBES * rk->stages * n : 0);
+  for (int i = 0; i < PARTS; i++) c->track.start[i] = part_start(rk, i);
   c->track.columns = c->columns;
   c->track.flags = c->flags;
   for (int k = 0; k < n; k++) fill_tubes(c, k);

@@ -109,7 +109,7 @@ INLINE void sweep_along(const Case *c, const double *z, Swept *swept, const int 
     double ends[2 * TUBES];
     Motion motion = {c->shift + (size_t)k * 3 * TUBES * c->track.rk->stages, ends};
     if (wanted > STABILITY) step_ends(c->layout, k, ends);
-    advance_along(c->track.rk, column, c->flags[k], wanted > STABILITY ? &motion : NULL, ALONG_TRANSLATION, x, along,
+    advance_along(&c->track, column, c->flags[k], wanted > STABILITY ? &motion : NULL, ALONG_TRANSLATION, x, along,
                   width);
     if (c->flags[k] & LOADED) behind_along(point_data(c->track.rk, column), x, along, width);
   }
@@ -130,10 +130,11 @@ static void linearize(const Case *c, const double *z, double *residual, double *
   tip_conditions(&swept, PADDED(NZ), residual, jacobian);
 }
 
-static void shoot(const Case *c, const double *z, double *residual, double *right, double *left) {
+/* Residual; states at the nodes and the sum of the steps' local errors, as far as wanted. */
+static void shoot(const Case *c, const double *z, double *residual, double *right, double *left, double *error) {
   double x[NX], y[NX];
   start_state(c, z, x);
   behind(x, c->start, y);
-  sweep(&c->track, y, right, left);
+  sweep(&c->track, y, right, left, error);
   for (int i = 0; i < NZ; i++) residual[i] = y[TIP_ROWS[i]];
 }

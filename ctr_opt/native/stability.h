@@ -5,7 +5,7 @@ enum { NOT_TOLD = -1, MANY = 2 * (2 + TUBES), COUNTED = PADDED(MANY) };
 static const double MARGIN = 1e-7;
 
 #if LIVE
-static int unstable_directions(const Case *c, const double *right, double *margin) { return NOT_TOLD; }
+static int unstable_directions(const Case *c, const double *right, int parts, double *margin) { return NOT_TOLD; }
 #else
 typedef struct {
   double transfer[MANY * MANY], flexibility[MANY / 2];
@@ -23,19 +23,20 @@ static int count(const Case *c, const Linear *linear, double shift) {
   return (int)(total + negative);
 }
 
-/* From the states `right` where steps begin. The margin is that of an eigenvalue told from zero, and negative where one is
+/* From the states `right` where steps began before each was cut into so many `parts`. The margin is that of an eigenvalue told from zero, and negative where one is
    not: then the second variation is not positive, though it may have no negative direction. */
-static int unstable_directions(const Case *c, const double *right, double *margin) {
+static int unstable_directions(const Case *c, const double *right, int parts, double *margin) {
   Linear *linear = take(sizeof(Linear) * c->track.steps);
   if (!linear) return NOT_TOLD;
   const int size = column_size(c->track.rk);
+  double x[NX];
   *margin = MARGIN;
   for (int k = 0; k < c->track.steps; k++) {
     const double *column = c->columns + (size_t)k * size;
-    double x[NX], along[NX * COUNTED], doubtful, defect;
-    memcpy(x, right + (size_t)k * NX, sizeof x);
+    double along[NX * COUNTED], doubtful, defect;
+    if (k % parts == 0) memcpy(x, right + (size_t)(k / parts) * NX, sizeof x);
     directions(x, along);
-    advance_along(c->track.rk, column, c->flags[k], NULL, 0, x, along, COUNTED);
+    advance_along(&c->track, column, c->flags[k], NULL, 0, x, along, COUNTED);
     if (c->flags[k] & LOADED) behind_along(point_data(c->track.rk, column), x, along, COUNTED);
     told(x, along, column, linear[k].transfer, linear[k].flexibility, &doubtful, &defect);
     if (doubtful != 0.0 || !(defect < 1.0)) return NOT_TOLD;

@@ -8,49 +8,74 @@ enum { DISTRIBUTED = 1, VARYING = 2, LOADED = 4 }; /* loads per length; precurva
 typedef struct {
   const Tableau *rk;
   int steps;
-  const double *columns;   /* one behind the other, column_size(rk) each */
+  const double *columns; /* one behind the other, column_size(rk) each */
   const int *flags;
+  int start[PARTS];      /* where each part begins in a column */
 } Track;
 
 INLINE int column_size(const Tableau *rk) { return 1 + SHARED + AT_NODES * rk->stages + POINT; }
 
 INLINE const double *point_data(const Tableau *rk, const double *column) { return column + column_size(rk) - POINT; }
 
-/* Where the data of a node stand. */
-INLINE void at_node(const Tableau *rk, const double *column, int node, const double **data) {
+/* Where a part begins in a column. */
+static int part_start(const Tableau *rk, int part) {
   int start = 1;
-  for (int i = 0; i < PARTS; i++) {
-    data[i] = column + start + (PART_AT_NODES[i] ? PART_SIZE[i] * node : 0);
-    start += PART_AT_NODES[i] ? PART_SIZE[i] * rk->stages : PART_SIZE[i];
-  }
+  for (int i = 0; i < part; i++) start += PART_AT_NODES[i] ? PART_SIZE[i] * rk->stages : PART_SIZE[i];
+  return start;
 }
 
-/* The state at the end of a step, before its point load. */
-static void advance(const Tableau *rk, const double *column, double *restrict x) {
+/* Where the data of a node stand. */
+INLINE void at_node(const Track *track, const double *column, int node, const double **data) {
+  for (int i = 0; i < PARTS; i++) data[i] = column + track->start[i] + PART_AT_NODES[i] * PART_SIZE[i] * node;
+}
+
+/* Rows of the state on which rates depend: under dead loads not the position, nor a force that stays as it is. */
+#define FIRST_ROW (LIVE ? 0 : AT_ORIENTATION)
+#define ROWS_END(flags) (LIVE || ((flags) & DISTRIBUTED) ? NX : AT_FORCE)
+
+/* The state at the end of a step, before its point load. Estimated size of the local error, if wanted, as DOP853 does:
+   from two embedded formulas of lower order. */
+static void advance(const Track *track, const double *column, int flags, double *restrict x, double *error) {
+  const Tableau *rk = track->rk;
   double slope[MOST_STAGES][NX], inner[NX];
   const double length = column[0];
+  const int end = ROWS_END(flags);
+  memcpy(inner, x, sizeof inner);
   for (int j = 0; j < rk->stages; j++) {
     const double *row = rk->matrix + j * rk->stages, *data[PARTS];
-    memcpy(inner, x, sizeof inner);
+    double sum[NX] = {0};
     for (int i = 0; i < j; i++)
       if (row[i] != 0.0)
-        for (int r = 0; r < NX; r++) inner[r] += row[i] * slope[i][r];
-    at_node(rk, column, j, data);
-    rates(inner, data, slope[j]);
-    for (int r = 0; r < NX; r++) slope[j][r] *= length;
+        for (int r = FIRST_ROW; r < end; r++) sum[r] += row[i] * slope[i][r];
+    for (int r = FIRST_ROW; r < end; r++) inner[r] = x[r] + length * sum[r];
+    at_node(track, column, j, data);
+    if (flags & DISTRIBUTED) rates(inner, data, slope[j]);
+    else free_rates(inner, data, slope[j]);
   }
+  if (error) {
+    double fifth[NX] = {0}, third[NX] = {0}, a = 0.0, b = 0.0;
+    for (int i = 0; i < rk->stages; i++)
+      for (int r = 0; r < end; r++) {
+        fifth[r] += rk->fifth[i] * slope[i][r];
+        third[r] += rk->third[i] * slope[i][r];
+      }
+    for (int r = 0; r < end; r++) a += fifth[r] * fifth[r], b += third[r] * third[r];
+    *error += a > 0.0 ? length * a / sqrt(a + 0.01 * b) : 0.0;
+  }
+  double sum[NX] = {0};
   for (int i = 0; i < rk->stages; i++)
-    for (int r = 0; r < NX; r++) x[r] += rk->weights[i] * slope[i][r];
+    for (int r = 0; r < end; r++) sum[r] += rk->weights[i] * slope[i][r];
+  for (int r = 0; r < end; r++) x[r] += length * sum[r];
 }
 
 /* The state behind the last load, from that at the entry point. `right`, `left` (steps + 1 and steps states, or NULL):
    behind and before the loads at the nodes. */
-static void sweep(const Track *track, double *x, double *right, double *left) {
+static void sweep(const Track *track, double *x, double *right, double *left, double *error) {
   const int size = column_size(track->rk);
   if (right) memcpy(right, x, sizeof(double) * NX);
   for (int k = 0; k < track->steps; k++) {
     const double *column = track->columns + (size_t)k * size;
-    advance(track->rk, column, x);
+    advance(track, column, track->flags[k], x, error);
     if (left) memcpy(left + (size_t)k * NX, x, sizeof(double) * NX);
     if (track->flags[k] & LOADED) {
       double y[NX];
@@ -68,33 +93,34 @@ typedef struct {
 } Motion;
 
 /* A step with directions `along` (NX x width); with `motion`, those from `first` on are the translations. */
-INLINE void advance_along(const Tableau *rk, const double *column, int flags, const Motion *motion, const int first,
+INLINE void advance_along(const Track *track, const double *column, int flags, const Motion *motion, const int first,
                           double *restrict x, double *restrict along, const int width) {
+  const Tableau *rk = track->rk;
   double slope[MOST_STAGES][NX], inner[NX], by_parts[INNER], outer[OUTER];
   double turned[MOST_STAGES][NX * width], aside[NX * width], part[5 * width];
   const double length = column[0];
-  const int from = LIVE ? 0 : 3, to = LIVE || (flags & DISTRIBUTED) ? NX : NX - 3; /* rows that act on others */
+  const int end = ROWS_END(flags);
+  memcpy(inner, x, sizeof inner);
+  memcpy(aside, along, sizeof aside);
   for (int j = 0; j < rk->stages; j++) {
     const double *row = rk->matrix + j * rk->stages, *data[PARTS];
     int used[MOST_STAGES], count = 0;
-    memcpy(inner, x, sizeof inner);
     for (int i = 0; i < j; i++)
-      if (row[i] != 0.0) {
-        used[count++] = i;
-        for (int r = 0; r < NX; r++) inner[r] += row[i] * slope[i][r];
+      if (row[i] != 0.0) used[count++] = i;
+    for (int r = FIRST_ROW; r < end; r++) {
+      double sum = 0.0, sums[width];
+      for (int k = 0; k < width; k++) sums[k] = along[r * width + k];
+      for (int m = 0; m < count; m++) {
+        const double weight = row[used[m]], *add = turned[used[m]] + r * width;
+        sum += weight * slope[used[m]][r];
+        for (int k = 0; k < width; k++) sums[k] += weight * add[k];
       }
-    for (int r = 0; r < NX; r++) {
-      double sum[width];
-      for (int k = 0; k < width; k++) sum[k] = along[r * width + k];
-      if (r >= from && r < to)
-        for (int m = 0; m < count; m++) {
-          const double weight = row[used[m]], *add = turned[used[m]] + r * width;
-          for (int k = 0; k < width; k++) sum[k] += weight * add[k];
-        }
-      for (int k = 0; k < width; k++) aside[r * width + k] = sum[k];
+      inner[r] = x[r] + length * sum;
+      for (int k = 0; k < width; k++) aside[r * width + k] = sums[k];
     }
-    at_node(rk, column, j, data);
-    slopes(inner, data, slope[j], by_parts, outer);
+    at_node(track, column, j, data);
+    if (flags & DISTRIBUTED) slopes(inner, data, slope[j], by_parts, outer);
+    else free_slopes(inner, data, slope[j], by_parts, outer);
     for (int k = 0; k < OUTER; k++) outer[k] *= length;
     apply_by_parts(by_parts, aside, part, width);
     apply_slopes(outer, aside, part, turned[j], width);
@@ -118,13 +144,12 @@ INLINE void advance_along(const Tableau *rk, const double *column, int flags, co
         }
       }
     }
-    for (int r = 0; r < NX; r++) slope[j][r] *= length;
   }
   for (int i = 0; i < rk->stages; i++) {
     const double weight = rk->weights[i];
     if (weight == 0.0) continue;
-    for (int r = 0; r < NX; r++) x[r] += weight * slope[i][r];
-    for (int k = 0; k < to * width; k++) along[k] += weight * turned[i][k];
+    for (int r = 0; r < end; r++) x[r] += length * weight * slope[i][r];
+    for (int k = 0; k < end * width; k++) along[k] += weight * turned[i][k];
   }
 }
 

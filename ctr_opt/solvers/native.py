@@ -137,6 +137,7 @@ class Native:
         self.many = function("many", *case, _LONG, _ADDRESS, _INT, _ADDRESS, _ADDRESS, _LONG, _ADDRESS)
         self.derive = function("derive", *case, _ADDRESS, _INT, _INT, _ADDRESS, _ADDRESS)
         self.stability = function("stability", *case, _ADDRESS, ctypes.POINTER(ctypes.c_double))
+        self.inspect = function("inspect", *case, _ADDRESS, _ADDRESS)
         self.integrate = function("integrate", *case, _ADDRESS, _INT, _INT, _ADDRESS)
         numbers = (_INT * 8)()
         library.sizes(numbers)

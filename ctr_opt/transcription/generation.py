@@ -153,6 +153,7 @@ class _Model:
     def routines(self) -> list[_Routine]:
         """Rates, their derivatives, and the effect of a point load."""
         own = [self._rates(), self._slopes(), self._drift(), self._behind(), self._behind_slopes()]
+        own += [self._free(own[0]), self._free(own[1])]
         return own if self.kind.live else [*own, *self._second_variation()]
 
     def products(self) -> str:
@@ -178,6 +179,14 @@ class _Model:
         outputs = {"rate": rod.rates(self.state, self.local).joined()}
         outputs |= {"inner": _nonzeros(self._by_parts()), "outer": _nonzeros(self._outer())}
         return _Routine("slopes", self._inputs(), outputs)
+
+    def _free(self, routine: _Routine) -> _Routine:
+        """The same where no load acts along the step."""
+        loads = [self.data[name] for name in self.data if name not in _TUBES]
+        zeros = [ca.SX.zeros(*load.shape) for load in loads]
+        values = ca.substitute(list(routine.outputs.values()), loads, zeros)
+        outputs = dict(zip(routine.outputs, values, strict=True))
+        return _Routine(f"free_{routine.name}", routine.inputs, outputs)
 
     def _turn_rows(self) -> ca.SX:
         rows = ca.SX(3, State.size(self.tubes))
@@ -291,6 +300,7 @@ INLINE void circle(const double *restrict angles, double *restrict sines, double
 """
 
 
+_TUBES = ("bending_stiffness", "torsional_stiffness", "precurvature")
 _SHARED = ("bending_stiffness", "torsional_stiffness", "unit")  # by all nodes of a step
 
 
@@ -308,13 +318,18 @@ def _array(kind: str, name: str, values: Any) -> str:
     return f"static const {kind} {name}[] = {{{', '.join(numbers)}}};\n"
 
 
+_TABLEAU = ("matrix", "weights", "nodes", "fifth", "third")
+
+
 def _tableaus() -> str:
     text = ""
     for name in INTEGRATORS:
         rk = runge_kutta(name)
-        for part in ("matrix", "weights", "nodes"):
+        for part in _TABLEAU:
             text += _array("double", f"{name}_{part}", getattr(rk, part).ravel())
-        text += f"static const Tableau {name} = {{{len(rk.nodes)}, {name}_matrix, {name}_weights, {name}_nodes}};\n"
+        text += (
+            f"static const Tableau {name} = {{{len(rk.nodes)}, {', '.join(f'{name}_{part}' for part in _TABLEAU)}}};\n"
+        )
     return text
 
 

@@ -14,13 +14,18 @@ from ..robot.checks import Array
 
 @attrs.frozen(eq=False)
 class RungeKutta:
-    """``x+ = x + h sum_j weights_j k_j``, ``k_j = f(x + h sum_i matrix_ji k_i)`` at the fractions ``nodes_j``."""
+    """``x+ = x + h sum_j weights_j k_j``, ``k_j = f(x + h sum_i matrix_ji k_i)`` at the fractions ``nodes_j``.
+
+    ``fifth, third``: weights of DOP853's two estimates of its local error; zeros for others.
+    """
 
     name: str
     order: int
     matrix: Array
     weights: Array
     nodes: Array
+    fifth: Array
+    third: Array
 
     def step(self, derivative: Callable[[SymT, int], SymT], x: SymT, length: SymT) -> SymT:
         """One step; ``derivative(x, j)`` is the right-hand side with the data of stage ``j``."""
@@ -46,9 +51,11 @@ def runge_kutta(name: str = "RK8") -> RungeKutta:
     """``"RK4"`` (classical), ``"RK5"`` (Dormand-Prince) or ``"RK8"`` (the propagating formula of DOP853)."""
     if name == "RK4":
         matrix = np.array([[0, 0, 0, 0], [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1, 0]], dtype=float)
-        return RungeKutta(name, 4, matrix, np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1]))
+        return RungeKutta(name, 4, matrix, np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1]), *np.zeros((2, 4)))
     from scipy.integrate import DOP853, RK45
 
     if name == "RK5":
-        return RungeKutta(name, 5, np.asarray(RK45.A), np.asarray(RK45.B), np.asarray(RK45.C))
-    return RungeKutta(name, 8, np.asarray(DOP853.A), np.asarray(DOP853.B), np.asarray(DOP853.C))
+        none = np.zeros(6)
+        return RungeKutta(name, 5, np.asarray(RK45.A), np.asarray(RK45.B), np.asarray(RK45.C), none, none)
+    tableau = (np.asarray(part) for part in (DOP853.A, DOP853.B, DOP853.C))
+    return RungeKutta(name, 8, *tableau, np.asarray(DOP853.E5[:-1]), np.asarray(DOP853.E3[:-1]))
