@@ -48,9 +48,12 @@ def test_cold_answers_are_those_of_the_virtual_machine(tubes):
         a, b = compiled.solve(actuation, loads), machine.solve(actuation, loads)
         used += by_compiled_code(a)
         np.testing.assert_allclose(a.tip_pose, b.tip_pose, atol=1e-9)
-        assert a.discretization_error == pytest.approx(b.discretization_error, rel=0.2, abs=1e-11 * a.length)
+        assert a.discretization_error < 1e-7 * a.length
+        if np.array_equal(a.shape.mesh.shape, b.shape.mesh.shape) and np.allclose(a.shape.mesh, b.shape.mesh, atol=1e-12):
+            expected = pytest.approx(b.discretization_error, rel=0.2, abs=1e-11 * a.length)
+            assert a.discretization_error == expected
         assert a.residual_norm < 1e-11
-        assert a.determinant == pytest.approx(b.determinant, rel=1e-6)  # it is taken a Newton step before the end
+        assert a.determinant == pytest.approx(b.determinant, rel=1e-5)  # of meshes that may differ
         assert a.verify() < 1e-7 * a.length
         assert (a.unstable_directions, a.is_stable) == (b.unstable_directions, b.is_stable)
     assert used >= 8  # the others meet folds on the way
