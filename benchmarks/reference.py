@@ -8,7 +8,7 @@ neighbouring one or, from nothing, by continuation in precurvature and load from
 
 Written to be fast as such programs go: no dense output, constants of a section taken out of the right-hand side, one
 Jacobian for several iterations and several steps of the continuation. The right-hand side comes twice: ``printed``, in
-small matrices as the paper prints it, and ``expanded`` by hand into scalars, the fastest known to us without a compiler.
+small matrices as the paper prints it, and ``expanded`` by hand into scalars, as fast as we know how without a compiler.
 """
 
 from dataclasses import dataclass
@@ -69,7 +69,8 @@ def printed(bending, torsional, star, force):
             u = np.array([*(u1[:2] @ turn), uz[i]])
             moment = stiffness * (u - preset)
             bent = stiffness[:2] * (slopes[i] * (slope @ u1[:2]))
-            right += turn @ (bent + [u[1] * moment[2] - u[2] * moment[1], u[2] * moment[0] - u[0] * moment[2]])
+            crossed = np.array([u[1] * moment[2] - u[2] * moment[1], u[2] * moment[0] - u[0] * moment[2]])
+            right += turn @ (bent + crossed)
             rates[14 + i] = ratio * (u[0] * preset[1] - u[1] * preset[0])
         hat = np.array([[0.0, u1[2], -u1[1]], [-u1[2], 0.0, u1[0]], [u1[1], -u1[0], 0.0]])
         rates[:3] = axes[2]
