@@ -18,6 +18,7 @@ from math import cos, sin
 import numpy as np
 from scipy.integrate import DOP853
 
+RTOL = 1e-6
 DIFFERENCE = 1e-4  # of the unknowns, for the Jacobian; the integration leaves noise of about 1e-8
 CONTRACTION = 0.1  # of the residual in an iteration, below which the Jacobian is used once more
 ITERATIONS = 12
@@ -118,7 +119,7 @@ def expanded(bending, torsional, star, force):
 class Shooting:
     """The residual of one robot, actuation and load, precurvature and load multiplied by ``part``."""
 
-    def __init__(self, tubes, actuation, load, rates, rtol, part=1.0):
+    def __init__(self, tubes, actuation, load, rates, rtol=RTOL, part=1.0):
         self.tubes, (self.rotations, self.translations) = tubes, actuation
         self.rtol, self.moment = rtol, part * np.asarray(load[1])
         begins = [t + a for t, a in zip(self.translations, tubes.straight, strict=True)]
@@ -186,7 +187,7 @@ class Shooting:
             if size <= tolerance:
                 return z, jacobian
             if jacobian is None:
-                jacobian, fresh = self._differences(z, residual), True
+                jacobian, fresh = self.differences(z, residual), True
             trial = z - np.linalg.solve(jacobian, residual)
             found = self.residual(trial)
             contraction = np.abs(found).max() / size
@@ -199,7 +200,8 @@ class Shooting:
             fresh = False
         return None
 
-    def _differences(self, z, residual):
+    def differences(self, z, residual):
+        """The Jacobian where the residual is known."""
         jacobian = np.empty((len(z), len(z)))
         for j in range(len(z)):
             moved = z.copy()
@@ -208,7 +210,7 @@ class Shooting:
         return jacobian
 
 
-def solve(tubes, actuation, load, start=None, rates=printed, rtol=1e-6):
+def solve(tubes, actuation, load, start=None, rates=printed, rtol=RTOL):
     """Solve for ``actuation`` (rotations, translations) and ``load`` (force, moment at the tip, world frame).
 
     ``start``: a :class:`Solved` neighbour; None: from the straight robot.
