@@ -4,17 +4,19 @@ See docs/performance.md.
 """
 
 import argparse
+from itertools import product
 from pathlib import Path
 
 import attrs
+import numpy as np
 
 import ctr_opt as ctr
 
 from . import reference, scaling, transcriptions
 from .memory import growth
 from .methods import COLD, INTEGRATION, WARM, package, scipy
-from .table import Row, table
-from .timing import Effort
+from .table import Measured, Row, table
+from .timing import Effort, fastest
 from .work import LOADS, ROOT, nested, three_tubes
 
 REFERENCES = [scipy("SciPy as printed", reference.printed), scipy("SciPy expanded", reference.expanded)]
@@ -24,36 +26,41 @@ FIGURE = ROOT / "docs" / "figures" / "transcriptions.png"
 
 @attrs.frozen
 class Plan:
-    """How much to measure: effort on robots A and B and on nested ones, the most tubes, and the figure's steps."""
+    """How much to measure: robots A and B under which loads, nested robots of which tube counts, steps of the figure."""
 
     effort: Effort
-    nested: Effort
-    tubes: int
-    parts: tuple
+    three_tubes: tuple[tuple[str, str], ...]
+    nested: tuple[int, ...]
+    parts: tuple[int, ...]
 
 
-FULL = Plan(Effort(0.2, 3, 20), Effort(0.2, 3, 5), 6, transcriptions.PARTS)
-QUICK = Plan(Effort(0.0, 1, 2), Effort(0.0, 1, 1), 2, (1, 2))
+FULL = Plan(Effort(0.2, 5, 20), tuple(product("AB", LOADS[:2])), (1, 2, 3, 4, 5, 6), transcriptions.PARTS)
+QUICK = Plan(Effort(0.0, 1, 2), (("A", LOADS[0]), ("B", LOADS[1])), (1, 2), (1, 2))
+FEW = 5  # neighbours of nested robots at most
 
 
 def measured(work, effort, methods=None):
-    """A row for each kind of work that any mode does."""
+    """A row for each kind of work that any mode does; for each neighbour all modes take turns."""
     modes = [*REFERENCES, *MODES]
-    names = dict.fromkeys(name for mode in modes for name in mode.measures if methods is None or name in methods)
+    names = dict.fromkeys(name for mode in modes for name in mode.prepare if methods is None or name in methods)
     for name in names:
-        found = {mode.name: mode.measures[name](work, effort) for mode in modes if name in mode.measures}
+        prepared = {mode.name: mode.prepare[name](work) for mode in modes if name in mode.prepare}
+        together = zip(*(each.calls for each in prepared.values()), strict=True)
+        seconds = np.median([fastest(calls, effort) for calls in together], axis=0)
+        found = {
+            mode: Measured(float(time) / each.solves, each.error)
+            for (mode, each), time in zip(prepared.items(), seconds, strict=True)
+        }
         yield Row(f"{work.name} ({work.tubes})", work.load, name, found)
 
 
 def rows(plan):
     """The rows of the table."""
-    for robot in ("A", "B"):
-        for load in LOADS[:2]:
-            yield from measured(three_tubes(robot, load, plan.effort.neighbours), plan.effort)
-    for tubes in range(1, plan.tubes + 1):
-        for load in (LOADS[0], LOADS[2]):
-            work = nested(tubes, load, plan.nested.neighbours)
-            yield from measured(work, plan.nested, (INTEGRATION, WARM, COLD))
+    for robot, load in plan.three_tubes:
+        yield from measured(three_tubes(robot, load, plan.effort.neighbours), plan.effort)
+    for tubes, load in product(plan.nested, (LOADS[0], LOADS[2])):
+        work = nested(tubes, load, min(FEW, plan.effort.neighbours))
+        yield from measured(work, plan.effort, (INTEGRATION, WARM, COLD))
 
 
 def main(arguments=None):
@@ -67,14 +74,14 @@ def main(arguments=None):
     measurements = list(rows(plan))
     print("\n".join(table(measurements, [mode.name for mode in REFERENCES], [mode.name for mode in MODES])))
     print("in brackets: largest error of the tip, mm\n", flush=True)
-    for line in scaling.lines(plan.effort, plan.tubes):
+    for line in scaling.lines(plan.effort, plan.nested):
         print(line, flush=True)
     solves = given.memory or (100 if given.quick else 100_000)
     work = three_tubes("A", LOADS[0], plan.effort.neighbours)
     early, late = growth(ctr.ForwardProblem(work.robot), work, solves)
     print(f"resident after {solves // 10:,} warm solves: {early:.2f} MB, after {solves:,}: {late:.2f} MB", flush=True)
     if given.figure or not given.quick:
-        transcriptions.draw(transcriptions.work(plan.nested, plan.parts), given.figure or FIGURE)
+        transcriptions.draw(transcriptions.work(plan.effort, plan.parts), given.figure or FIGURE)
     return measurements
 
 

@@ -1,10 +1,11 @@
 """What is timed: each kind of work, by the SciPy reference and by the package in each of its modes.
 
-A measurement is the median, over the neighbours that a solve goes to, of the fastest call, with the largest error of
-the tip. Errors are taken against solves at a tolerance of 1e-11.
+A mode prepares calls, one for each neighbour that solves go to; the calls of all modes are timed in turns. The time of
+a kind of work is the median over the neighbours. Errors of the tip are taken against solves at a tolerance of 1e-11.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import attrs
 import numpy as np
@@ -13,7 +14,6 @@ import ctr_opt as ctr
 from ctr_opt.transcription.shooting import Shooting
 
 from . import reference
-from .timing import Effort, fastest, median
 from .work import Work, plain
 
 INTEGRATION = "one integration"
@@ -26,11 +26,12 @@ _COLD_STARTS = 5
 
 
 @attrs.frozen
-class Measured:
-    """Seconds, and the largest error of the tip, mm; NaN where there is no tip."""
+class Prepared:
+    """Calls to time, the largest error of the tip that they make, mm (NaN where there is no tip), solves in a call."""
 
-    seconds: float
+    calls: list[Callable[[], Any]]
     error: float = np.nan
+    solves: int = 1
 
 
 @attrs.frozen
@@ -38,7 +39,7 @@ class Mode:
     """A solver and what it can be asked to do."""
 
     name: str
-    measures: dict[str, Callable[[Work, Effort], Measured]]
+    prepare: dict[str, Callable[[Work], Prepared]]
 
 
 def worst(tips, exact):
@@ -51,6 +52,12 @@ def cold_starts(work):
     return [work.actuation, *work.targets][:_COLD_STARTS], [work.start.tip_position, *work.tips][:_COLD_STARTS]
 
 
+def solves(action, targets, exact):
+    """Calls of an action, which returns a solution, for each target."""
+    tips = [action(target).tip_position for target in targets]
+    return Prepared([lambda t=target: action(t) for target in targets], worst(tips, exact))
+
+
 # -- SciPy -------------------------------------------------------------------------------------------------------------
 
 
@@ -61,29 +68,25 @@ def scipy(name, rates):
         tubes, load = work.reference
         return reference.solve(tubes, plain(actuation), load, start, rates)
 
-    def prepared(work):
+    def shot_by_scipy(work):
         tubes, load = work.reference
         return reference.Shooting(tubes, plain(work.actuation), load, rates), solve(work, work.actuation).unknowns
 
-    def integration(work, effort):
-        shooting, z = prepared(work)
-        seconds = fastest(lambda: shooting.residual(z), effort)
-        return Measured(seconds, worst([shooting.tip], [work.start.tip_position]))
+    def integration(work):
+        shooting, z = shot_by_scipy(work)
+        shooting.residual(z)
+        return Prepared([lambda: shooting.residual(z)], worst([shooting.tip], [work.start.tip_position]))
 
-    def linearization(work, effort):
-        shooting, z = prepared(work)
-        return Measured(fastest(lambda: shooting.differences(z, shooting.residual(z)), effort))
+    def linearization(work):
+        shooting, z = shot_by_scipy(work)
+        return Prepared([lambda: shooting.differences(z, shooting.residual(z))])
 
-    def warm(work, effort):
+    def warm(work):
         start = solve(work, work.actuation)
-        tips = [solve(work, target, start).tip for target in work.targets]
-        actions = [lambda t=target: solve(work, t, start) for target in work.targets]
-        return Measured(median(actions, effort), worst(tips, work.tips))
+        return solves(lambda target: solve(work, target, start), work.targets, work.tips)
 
-    def cold(work, effort):
-        targets, exact = cold_starts(work)
-        tips = [solve(work, target).tip for target in targets]
-        return Measured(median([lambda t=target: solve(work, t) for target in targets], effort), worst(tips, exact))
+    def cold(work):
+        return solves(lambda target: solve(work, target), *cold_starts(work))
 
     return Mode(name, {INTEGRATION: integration, LINEARIZATION: linearization, WARM: warm, COLD: cold})
 
@@ -130,27 +133,23 @@ def package(name, **options):
         problem = ctr.ForwardProblem(work.robot, **options)
         return problem, problem.solve(work.actuation, work.loads)
 
-    def integration(work, effort):
+    def integration(work):
         _, start = started(work)
         shooting, z = shot(start)
         action, found = sweep(shooting, z)
-        seconds = fastest(action, effort)
+        action()
         tip = start.length * found[1].reshape(len(shooting.mesh), -1)[-1, :3]
-        return Measured(seconds, worst([tip], [work.start.tip_position]))
+        return Prepared([action], worst([tip], [work.start.tip_position]))
 
-    def linearization(work, effort):
+    def linearization(work):
         action, _ = linearized(*shot(started(work)[1]))
-        return Measured(fastest(action, effort))
+        return Prepared([action])
 
-    def timed(effort, action, targets, exact):
-        tips = [action(target).tip_position for target in targets]
-        return Measured(median([lambda t=target: action(t) for target in targets], effort), worst(tips, exact))
-
-    def warm(work, effort):
+    def warm(work):
         problem, start = started(work)
-        return timed(effort, lambda t: problem.solve(t, work.loads, initial=start), work.targets, work.tips)
+        return solves(lambda t: problem.solve(t, work.loads, initial=start), work.targets, work.tips)
 
-    def derivatives(work, effort):
+    def derivatives(work):
         problem, start = started(work)
 
         def action(target):
@@ -159,9 +158,9 @@ def package(name, **options):
             assert not work.conservative or shape.unstable_directions == 0
             return shape
 
-        return timed(effort, action, work.targets, work.tips)
+        return solves(action, work.targets, work.tips)
 
-    def cold(work, effort):
+    def cold(work):
         problem, _ = started(work)
 
         def action(target):
@@ -170,13 +169,13 @@ def package(name, **options):
                 assert not work.conservative or shape.is_stable
             return shape
 
-        return timed(effort, action, *cold_starts(work))
+        return solves(action, *cold_starts(work))
 
-    def many(work, effort):
+    def many(work):
         problem, _ = started(work)
         shapes = problem.solve_many(work.targets, work.loads)
-        seconds = fastest(lambda: problem.solve_many(work.targets, work.loads), effort) / len(work.targets)
-        return Measured(seconds, worst([shape.tip_position for shape in shapes], work.tips))
+        error = worst([shape.tip_position for shape in shapes], work.tips)
+        return Prepared([lambda: problem.solve_many(work.targets, work.loads)], error, len(work.targets))
 
     measures = {INTEGRATION: integration, LINEARIZATION: linearization, WARM: warm, COLD: cold}
     if hasattr(ctr.Equilibrium, "unstable_directions"):

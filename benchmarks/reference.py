@@ -42,7 +42,7 @@ class Tubes:
 class Solved:
     """Tip position, m; unknown moments over ``max(EI) / length``; how many integrations it took."""
 
-    tip: np.ndarray
+    tip_position: np.ndarray
     unknowns: np.ndarray
     integrations: int
 

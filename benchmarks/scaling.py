@@ -8,12 +8,13 @@ import ctr_opt as ctr
 from ctr_opt.mechanics.sections import Configuration
 from ctr_opt.transcription.shooting import Shooting
 
-from .methods import linearized, sweep
+from .methods import INTEGRATION, LINEARIZATION, linearized, sweep
 from .timing import fastest
 from .work import nested
 
 LOAD_POINTS = (0, 20, 60)  # on robots of every tube count: each is a section more
 MANY_LOAD_POINTS = (50, 100, 200, 400)  # on three tubes
+WAYS = {INTEGRATION: (sweep, 1), LINEARIZATION: (linearized, 2)}  # and the exponent of tubes allowed
 
 
 def pulled(work, points):
@@ -38,22 +39,23 @@ def exponents(columns, times):
 
 
 def lines(effort, tubes):
-    """What to print."""
-    works = [nested(count, "force", 0) for count in range(1, tubes + 1)]
-    sections, counts, integration, linearization = [], [], [], []
-    for work, points in product(works, LOAD_POINTS):
-        problem, z = shooting(work, points)
-        sections.append(len(problem.mesh))
-        counts.append(work.tubes)
-        integration.append(fastest(sweep(problem, z)[0], effort))
-        linearization.append(fastest(linearized(problem, z)[0], effort))
+    """What to print, for robots of so many ``tubes``."""
+    works = [nested(count, "force", 0) for count in tubes]
+    grid = list(product(works, LOAD_POINTS))
+    problems = [shooting(*each) for each in grid]
+    sections, counts = [len(problem.mesh) for problem, _ in problems], [work.tubes for work, _ in grid]
     yield f"time as sections^a tubes^b, {len(works)} tube counts, {min(sections)} to {max(sections)} sections:"
-    for name, times, most in (("one integration", integration, 1), ("residual + Jacobian", linearization, 2)):
-        a, b = exponents((sections, counts), times)
+    for name, (way, most) in WAYS.items():
+        a, b = exponents((sections, counts), times(way, problems, effort))
         yield f"  {name}: a = {a:.2f} (linear: 1), b = {b:.2f} (at most {most})"
-    work = nested(min(3, tubes), "force", 0)
-    grown = [shooting(work, points) for points in MANY_LOAD_POINTS]
+    work = nested(min(3, max(tubes)), "force", 0)
+    problems = [shooting(work, points) for points in MANY_LOAD_POINTS]
     yield f"time as (load points)^c, {work.tubes} tubes, {MANY_LOAD_POINTS[0]} to {MANY_LOAD_POINTS[-1]} points:"
-    for name, way in (("one integration", sweep), ("residual + Jacobian", linearized)):
-        times = [fastest(way(*each)[0], effort) for each in grown]
-        yield f"  {name}: c = {exponents((MANY_LOAD_POINTS,), times)[0]:.2f}"
+    for name, (way, _) in WAYS.items():
+        (c,) = exponents((MANY_LOAD_POINTS,), times(way, problems, effort))
+        yield f"  {name}: c = {c:.2f} (linear: 1)"
+
+
+def times(way, problems, effort):
+    """Seconds of each, taken in turns."""
+    return fastest([way(*problem)[0] for problem in problems], effort)

@@ -17,13 +17,21 @@ AGAINST = {
 
 
 @attrs.frozen
+class Measured:
+    """Seconds, and the largest error of the tip, mm; NaN where there is no tip."""
+
+    seconds: float
+    error: float
+
+
+@attrs.frozen
 class Row:
     """A kind of work on a robot, and the measurements of those modes that did it."""
 
     robot: str
     load: str
     method: str
-    found: dict
+    found: dict[str, Measured]
 
 
 def table(rows, references, modes):

@@ -41,8 +41,8 @@ def mesh(configuration, parts):
     return np.concatenate([np.column_stack((e[:-1], e[1:])) for e in edges])
 
 
-def program(effort, kind, configuration, steps, transcription, integrator, start):
-    """Time to solve a transcription from a neighbouring shape, and the tip."""
+def program(kind, configuration, steps, transcription, integrator, start):
+    """A call that solves a transcription from a neighbouring shape, and the tip."""
     problem = kind(configuration, steps, transcription, integrator)
     solver = IpoptSolver(problem.program.nlp, Ipopt())
 
@@ -52,15 +52,14 @@ def program(effort, kind, configuration, steps, transcription, integrator, start
     point = action()
     assert point.converged
     given = (point.x, point.multipliers) if kind is EnergyProblem else (point.x,)
-    return fastest(action, effort), problem.recover(*given)[0].tip[:3]
+    return action, problem.recover(*given)[0].tip[:3]
 
 
-def shooting(effort, configuration, steps, integrator, start):
+def shooting(configuration, steps, integrator, start):
     """The same for single shooting with Newton's method."""
     problem = Shooting(configuration, steps, integrator)
     z = start.last_iterate.unknowns(configuration.scales, configuration.kind.live)
-    seconds = fastest(lambda: newton(problem, z, 1e-11), effort)
-    return seconds, problem.sweep(newton(problem, z, 1e-11).z)[0].tip[:3]
+    return lambda: newton(problem, z, 1e-11), problem.sweep(newton(problem, z, 1e-11).z)[0].tip[:3]
 
 
 def work(effort, parts=PARTS):
@@ -74,15 +73,16 @@ def work(effort, parts=PARTS):
     for each in parts:
         steps = mesh(configuration, each)
         runs = {
-            ("shooting", f"single shooting, {i}"): shooting(effort, configuration, steps, i, start)
+            ("shooting", f"single shooting, {i}"): shooting(configuration, steps, i, start)
             for i in ("RK4", "RK5", "RK8")
         }
         for name, options in NAMED.items():
             for kind, title in ((EquilibriumProblem, "equilibrium"), (EnergyProblem, "energy")):
-                runs[title, name] = program(effort, kind, configuration, steps, *options, start)
-        for key, (seconds, tip) in runs.items():
+                runs[title, name] = program(kind, configuration, steps, *options, start)
+        seconds = fastest([action for action, _ in runs.values()], effort)
+        for (key, (_, tip)), time in zip(runs.items(), seconds, strict=True):
             error = np.linalg.norm(tip - exact.tip_position / exact.length)
-            found.setdefault(key, []).append((len(steps), seconds, max(error, 1e-13)))
+            found.setdefault(key, []).append((len(steps), float(time), max(error, 1e-13)))
     return found
 
 
@@ -174,7 +174,7 @@ def draw(found, path):
 
 
 def main():
-    print_work(work(Effort(0.2, 3, 0)))
+    print_work(work(Effort(2.0, 5, 0)))
     starts()
     strong()
 

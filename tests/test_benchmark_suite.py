@@ -29,14 +29,14 @@ def apart(tip, expected):
 @pytest.mark.parametrize("name", ["A1", "B1"])
 def test_the_reference_solver_finds_the_tips_of_the_cases(name, rates):
     expected = CASES[name]["reference"]["tip_position"]
-    assert apart(solved(name, reference.RTOL, rates).tip, expected) < BOUND
+    assert apart(solved(name, reference.RTOL, rates).tip_position, expected) < BOUND
     # At a tolerance of 1e-10 what Newton's method may leave, 3e-12 EI / length, moves the tip by some 1e-12 lengths.
-    assert apart(solved(name, 1e-10, rates).tip, expected) < 1e-8
+    assert apart(solved(name, 1e-10, rates).tip_position, expected) < 1e-8
 
 
 def test_the_reference_solver_ends_at_a_stable_branch():
     found = CASES["A4"]["all_equilibria_found_30_random_starts"]
-    tip = solved("A4", reference.RTOL).tip
+    tip = solved("A4", reference.RTOL).tip_position
     assert min(apart(tip, each["tip_position"]) for each in found if each["det"] > 0.0) < BOUND
 
 
@@ -47,8 +47,8 @@ def test_the_reference_solver_agrees_under_loads(tubes):
     given, load = work.reference
     cold = reference.solve(given, plain(work.actuation), load)
     warm = reference.solve(given, plain(work.targets[0]), load, cold)
-    assert apart(cold.tip, work.start.tip_position) < BOUND
-    assert apart(warm.tip, work.tips[0]) < BOUND
+    assert apart(cold.tip_position, work.start.tip_position) < BOUND
+    assert apart(warm.tip_position, work.tips[0]) < BOUND
     assert warm.integrations < cold.integrations
 
 
@@ -76,7 +76,7 @@ def test_the_suite_runs_and_all_that_it_times_is_exact(capsys, tmp_path):
     for mode in (*REFERENCES, *MODES):
         found = [row.found[mode.name] for row in rows if mode.name in row.found]
         errors = np.array([each.error for each in found])
-        assert len(found) >= 4 * 4 + 4 * 3
+        assert len(found) >= 2 * 4 + 4 * 3
         assert all(each.seconds > 0.0 for each in found)
         assert errors[~np.isnan(errors)].max() < BOUND
 
