@@ -26,7 +26,7 @@ FIGURE = ROOT / "docs" / "figures" / "transcriptions.png"
 
 @attrs.frozen
 class Plan:
-    """How much to measure: robots A and B under which loads, nested robots of which tube counts, steps of the figure."""
+    """What to measure: robots A and B under which loads, nested ones of which tube counts, the steps of the figure."""
 
     effort: Effort
     three_tubes: tuple[tuple[str, str], ...]
