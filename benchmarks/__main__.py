@@ -32,10 +32,13 @@ class Plan:
     three_tubes: tuple[tuple[str, str], ...]
     nested: tuple[int, ...]
     parts: tuple[int, ...]
+    figure: Effort
 
 
-FULL = Plan(Effort(0.2, 5, 20), tuple(product("AB", LOADS[:2])), (1, 2, 3, 4, 5, 6), transcriptions.PARTS)
-QUICK = Plan(Effort(0.0, 1, 2), (("A", LOADS[0]), ("B", LOADS[1])), (1, 2), (1, 2))
+FULL = Plan(
+    Effort(3.0, 5, 20), tuple(product("AB", LOADS[:2])), (1, 2, 3, 4, 5, 6), transcriptions.PARTS, transcriptions.EFFORT
+)
+QUICK = Plan(Effort(0.0, 1, 2), (("A", LOADS[0]), ("B", LOADS[1])), (1, 2), (1, 2), Effort(0.0, 1, 0))
 FEW = 5  # neighbours of nested robots at most
 
 
@@ -45,8 +48,9 @@ def measured(work, effort, methods=None):
     names = dict.fromkeys(name for mode in modes for name in mode.prepare if methods is None or name in methods)
     for name in names:
         prepared = {mode.name: mode.prepare[name](work) for mode in modes if name in mode.prepare}
-        together = zip(*(each.calls for each in prepared.values()), strict=True)
-        seconds = np.median([fastest(calls, effort) for calls in together], axis=0)
+        together = list(zip(*(each.calls for each in prepared.values()), strict=True))
+        share = attrs.evolve(effort, seconds=effort.seconds / len(together))
+        seconds = np.median([fastest(calls, share) for calls in together], axis=0)
         found = {
             mode: Measured(float(time) / each.solves, each.error)
             for (mode, each), time in zip(prepared.items(), seconds, strict=True)
@@ -81,7 +85,7 @@ def main(arguments=None):
     early, late = growth(ctr.ForwardProblem(work.robot), work, solves)
     print(f"resident after {solves // 10:,} warm solves: {early:.2f} MB, after {solves:,}: {late:.2f} MB", flush=True)
     if given.figure or not given.quick:
-        transcriptions.draw(transcriptions.work(plan.effort, plan.parts), given.figure or FIGURE)
+        transcriptions.draw(transcriptions.work(plan.figure, plan.parts), given.figure or FIGURE)
     return measurements
 
 

@@ -16,7 +16,7 @@ _WARM_UP = 2  # calls that are not timed
 
 @attrs.frozen
 class Effort:
-    """How long to measure: seconds on the calls of a comparison, turns at least, and neighbours to go to."""
+    """How long to measure: seconds on each comparison, turns at least, and neighbours to go to."""
 
     seconds: float
     turns: int

@@ -27,6 +27,7 @@ import samples
 
 STARTS, SEED = 100, 2026
 PARTS = (1, 2, 4, 8)  # steps in each section
+EFFORT = Effort(30.0, 5, 0)
 COLLOCATIONS = [ctr.Collocation(2), ctr.Collocation(4), ctr.Collocation(3, "radau")]
 NAMED = {
     "MultipleShooting, RK4": (ctr.MultipleShooting(), "RK4"),
@@ -69,20 +70,18 @@ def work(effort, parts=PARTS):
     near = ctr.Actuation(given.actuation.rotations + 0.1, given.actuation.translations)
     start = ctr.ForwardProblem(given.robot).solve(near, given.loads)
     configuration = Configuration(given.robot, given.actuation, given.loads)
-    found = {}
-    for each in parts:
-        steps = mesh(configuration, each)
-        runs = {
-            ("shooting", f"single shooting, {i}"): shooting(configuration, steps, i, start)
-            for i in ("RK4", "RK5", "RK8")
-        }
+    runs = []
+    for steps in (mesh(configuration, each) for each in parts):
+        for i in ("RK4", "RK5", "RK8"):
+            runs.append(("shooting", f"single shooting, {i}", len(steps), *shooting(configuration, steps, i, start)))
         for name, options in NAMED.items():
             for kind, title in ((EquilibriumProblem, "equilibrium"), (EnergyProblem, "energy")):
-                runs[title, name] = program(kind, configuration, steps, *options, start)
-        seconds = fastest([action for action, _ in runs.values()], effort)
-        for (key, (_, tip)), time in zip(runs.items(), seconds, strict=True):
-            error = np.linalg.norm(tip - exact.tip_position / exact.length)
-            found.setdefault(key, []).append((len(steps), float(time), max(error, 1e-13)))
+                runs.append((title, name, len(steps), *program(kind, configuration, steps, *options, start)))
+    found = {}
+    seconds = fastest([action for *_, action, _ in runs], effort)
+    for (title, name, steps, _, tip), time in zip(runs, seconds, strict=True):
+        error = np.linalg.norm(tip - exact.tip_position / exact.length)
+        found.setdefault((title, name), []).append((steps, float(time), max(error, 1e-13)))
     return found
 
 
@@ -174,7 +173,7 @@ def draw(found, path):
 
 
 def main():
-    print_work(work(Effort(2.0, 5, 0)))
+    print_work(work(EFFORT))
     starts()
     strong()
 
