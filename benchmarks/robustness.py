@@ -1,13 +1,12 @@
 """Does every solve end in an equilibrium or an honest failure? Seeded; see docs/robustness.md for what came out.
 
 Parts: ``conservative`` (a), ``moments`` (b), ``shapes`` (c), ``memory`` (d), ``fuzz``.
-Run: ``python benchmarks/robustness.py`` for all of them, ``--part moments --count 100 --seed 3`` for one.
+Run: ``python -m benchmarks.robustness`` for all of them, ``--part moments --count 100 --seed 3`` for one.
 """
 
 import argparse
 import collections
 import multiprocessing
-import resource
 import sys
 import time
 from functools import partial
@@ -23,6 +22,8 @@ import fuzzing
 import samples
 
 import ctr_opt as ctr
+
+from .memory import resident
 
 COUNTS = {"conservative": 500, "moments": 500, "shapes": 4000, "memory": 20000, "fuzz": 2000}
 SETTINGS = (
@@ -100,15 +101,6 @@ def warm(seed, index):
 
 
 # -- d: memory ---------------------------------------------------------------------------------------------------------
-
-
-def resident():
-    """Resident set size, MB."""
-    status = Path("/proc/self/status")
-    if status.exists():
-        line = next(line for line in status.read_text().splitlines() if line.startswith("VmRSS"))
-        return int(line.split()[1]) / 1024.0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0  # the most so far, elsewhere
 
 
 def memory(seed, count, every):

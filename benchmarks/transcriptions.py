@@ -1,13 +1,11 @@
 """Which transcription, and when? Error against work, and robustness from the straight guess.
 
-Prints the tables of docs/transcriptions.md and draws its figure. Run::
-
-    python benchmarks/transcriptions.py [docs/figures/transcriptions.png]
+``python -m benchmarks.transcriptions`` prints the tables of docs/transcriptions.md; its figure is drawn by
+``python -m benchmarks``.
 """
 
 import sys
 from itertools import pairwise
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -20,12 +18,16 @@ from ctr_opt.transcription.energy import EnergyProblem
 from ctr_opt.transcription.equilibrium_program import EquilibriumProblem
 from ctr_opt.transcription.shooting import Shooting
 
-ROOT = Path(__file__).resolve().parent.parent
+from .timing import Effort, fastest
+from .work import ROOT
+
 sys.path.insert(0, str(ROOT / "tests"))
 
-import samples  # noqa: E402
+import samples
 
-REPEATS, STARTS, SEED = 5, 100, 2026
+STARTS, SEED = 100, 2026
+PARTS = (1, 2, 4, 8)  # steps in each section
+EFFORT = Effort(30.0, 5, 0)
 COLLOCATIONS = [ctr.Collocation(2), ctr.Collocation(4), ctr.Collocation(3, "radau")]
 NAMED = {
     "MultipleShooting, RK4": (ctr.MultipleShooting(), "RK4"),
@@ -40,61 +42,60 @@ def mesh(configuration, parts):
     return np.concatenate([np.column_stack((e[:-1], e[1:])) for e in edges])
 
 
-def timed(action):
-    """The median time, and what came out."""
-    times = []
-    for _ in range(REPEATS):
-        begin = perf_counter()
-        result = action()
-        times.append(perf_counter() - begin)
-    return float(np.median(times)), result
-
-
 def program(kind, configuration, steps, transcription, integrator, start):
-    """Time to solve a transcription from a neighbouring shape, and the tip."""
+    """A call that solves a transcription from a neighbouring shape, and the tip."""
     problem = kind(configuration, steps, transcription, integrator)
     solver = IpoptSolver(problem.program.nlp, Ipopt())
-    time, point = timed(lambda: solver.solve(problem.like(start.shape), problem.parameters))
+
+    def action():
+        return solver.solve(problem.like(start.shape), problem.parameters)
+
+    point = action()
     assert point.converged
     given = (point.x, point.multipliers) if kind is EnergyProblem else (point.x,)
-    return time, problem.recover(*given)[0].tip[:3]
+    return action, problem.recover(*given)[0].tip[:3]
 
 
 def shooting(configuration, steps, integrator, start):
     """The same for single shooting with Newton's method."""
     problem = Shooting(configuration, steps, integrator)
     z = start.last_iterate.unknowns(configuration.scales, configuration.kind.live)
-    time, solution = timed(lambda: newton(problem, z, 1e-11))
-    return time, problem.sweep(solution.z)[0].tip[:3]
+    return lambda: newton(problem, z, 1e-11), problem.sweep(newton(problem, z, 1e-11).z)[0].tip[:3]
 
 
-def work():
-    """``{(formulation, name): [(steps, time, error), ...]}`` on RJW-S1 under a tip force."""
+def work(effort, parts=PARTS):
+    """``{(formulation, name): [(steps, seconds, error), ...]}`` on RJW-S1 under a tip force; errors over the length."""
     given = ctr.load_problem(ROOT / "problems" / "rjw_s1" / "fig9_loaded.toml")
     exact = ctr.ForwardProblem(given.robot, tolerance=1e-11).solve(given.actuation, given.loads)
     near = ctr.Actuation(given.actuation.rotations + 0.1, given.actuation.translations)
     start = ctr.ForwardProblem(given.robot).solve(near, given.loads)
     configuration = Configuration(given.robot, given.actuation, given.loads)
-    found = {}
-    for parts in (1, 2, 4, 8):
-        steps = mesh(configuration, parts)
-        runs = {("shooting", f"single, {i}"): shooting(configuration, steps, i, start) for i in ("RK4", "RK5", "RK8")}
+    runs = []
+    for steps in (mesh(configuration, each) for each in parts):
+        for i in ("RK4", "RK5", "RK8"):
+            runs.append(("shooting", f"single shooting, {i}", len(steps), *shooting(configuration, steps, i, start)))
         for name, options in NAMED.items():
             for kind, title in ((EquilibriumProblem, "equilibrium"), (EnergyProblem, "energy")):
-                runs[title, name] = program(kind, configuration, steps, *options, start)
-        for key, (time, tip) in runs.items():
-            error = np.linalg.norm(tip - exact.tip_position / exact.length)
-            found.setdefault(key, []).append((len(steps), time, max(error, 1e-13)))
+                runs.append((title, name, len(steps), *program(kind, configuration, steps, *options, start)))
+    found = {}
+    seconds = fastest([action for *_, action, _ in runs], effort)
+    for (title, name, steps, _, tip), time in zip(runs, seconds, strict=True):
+        error = np.linalg.norm(tip - exact.tip_position / exact.length)
+        found.setdefault((title, name), []).append((steps, float(time), max(error, 1e-13)))
     return found
+
+
+def unit(found):
+    """Seconds that times are divided by: single shooting with RK8 and the fewest steps."""
+    return found["shooting", "single shooting, RK8"][0][1]
 
 
 def print_work(found):
     print("| formulation | transcription | " + " | ".join(f"{n} steps" for n, *_ in next(iter(found.values()))) + " |")
-    unit = found["shooting", "single, RK8"][0][1]
     for (title, name), rows in found.items():
-        cells = [f"{error:.0e} ({time / unit:.1f})" for _, time, error in rows]
+        cells = [f"{error:.0e} ({seconds / unit(found):.1f})" for _, seconds, error in rows]
         print(f"| {title} | {name} | " + " | ".join(cells) + " |")
-    print(f"in brackets: time over that of single shooting with RK8 and the fewest steps, {1e3 * unit:.1f} ms here\n")
+    print("in brackets: time over that of single shooting with RK8 and the fewest steps\n")
 
 
 def starts():
@@ -148,32 +149,31 @@ def strong():
 
 
 def draw(found, path):
+    """Error against time, a panel for each formulation; shooting is drawn in both."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
+    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True, sharex=True)
     colors = dict(zip(NAMED, ("C0", "C1", "C2", "C3", "C4"), strict=True))
     for axes, title in zip(panels, ("equilibrium", "energy"), strict=True):
         for (formulation, name), rows in found.items():
-            _, times, errors = np.array(rows).T
+            _, seconds, errors = np.array(rows).T
+            times = seconds / unit(found)
             if formulation == "shooting":
                 style = {"RK4": ":", "RK5": "--", "RK8": "-"}[name[-3:]]
-                axes.loglog(1e3 * times, errors, style, color="0.55", marker=".", label=f"single shooting, {name[-3:]}")
+                axes.loglog(times, errors, style, color="0.3", marker="s", ms=3, label=name)
             elif formulation == title:
-                axes.loglog(1e3 * times, errors, color=colors[name], marker="o", ms=4, label=name)
+                axes.loglog(times, errors, color=colors[name], marker="o", ms=4, label=name)
         axes.set_title(f"{title} formulation")
-        axes.set_xlabel("time of a solve from a neighbouring shape [ms]")
+        axes.set_xlabel("time of a warm solve; 1: single shooting, RK8, 4 steps")
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("error of the tip over the length")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     figure.savefig(path, dpi=110)
 
 
 def main():
-    found = work()
-    print_work(found)
-    if len(sys.argv) > 1:
-        draw(found, sys.argv[1])
+    print_work(work(EFFORT))
     starts()
     strong()
 

@@ -1,0 +1,93 @@
+"""How fast, how exact: prints one table, how times grow and memory, and draws error against time.
+
+See docs/performance.md.
+"""
+
+import argparse
+from itertools import product
+from pathlib import Path
+
+import attrs
+import numpy as np
+
+import ctr_opt as ctr
+
+from . import reference, scaling, transcriptions
+from .memory import growth
+from .methods import COLD, INTEGRATION, WARM, package, scipy
+from .table import Measured, Row, table
+from .timing import Effort, fastest
+from .work import LOADS, ROOT, nested, three_tubes
+
+REFERENCES = [scipy("SciPy as printed", reference.printed), scipy("SciPy expanded", reference.expanded)]
+MODES = [package("virtual machine")]
+FIGURE = ROOT / "docs" / "figures" / "transcriptions.png"
+
+
+@attrs.frozen
+class Plan:
+    """What to measure: robots A and B under which loads, nested ones of which tube counts, the steps of the figure."""
+
+    effort: Effort
+    three_tubes: tuple[tuple[str, str], ...]
+    nested: tuple[int, ...]
+    parts: tuple[int, ...]
+    figure: Effort
+
+
+FULL = Plan(
+    Effort(3.0, 5, 20), tuple(product("AB", LOADS[:2])), (1, 2, 3, 4, 5, 6), transcriptions.PARTS, transcriptions.EFFORT
+)
+QUICK = Plan(Effort(0.0, 1, 2), (("A", LOADS[0]), ("B", LOADS[1])), (1, 2), (1, 2), Effort(0.0, 1, 0))
+FEW = 5  # neighbours of nested robots at most
+
+
+def measured(work, effort, methods=None):
+    """A row for each kind of work that any mode does; for each neighbour all modes take turns."""
+    modes = [*REFERENCES, *MODES]
+    names = dict.fromkeys(name for mode in modes for name in mode.prepare if methods is None or name in methods)
+    for name in names:
+        prepared = {mode.name: mode.prepare[name](work) for mode in modes if name in mode.prepare}
+        together = list(zip(*(each.calls for each in prepared.values()), strict=True))
+        share = attrs.evolve(effort, seconds=effort.seconds / len(together))
+        seconds = np.median([fastest(calls, share) for calls in together], axis=0)
+        found = {
+            mode: Measured(float(time) / each.solves, each.error)
+            for (mode, each), time in zip(prepared.items(), seconds, strict=True)
+        }
+        yield Row(f"{work.name} ({work.tubes})", work.load, name, found)
+
+
+def rows(plan):
+    """The rows of the table."""
+    for robot, load in plan.three_tubes:
+        yield from measured(three_tubes(robot, load, plan.effort.neighbours), plan.effort)
+    for tubes, load in product(plan.nested, (LOADS[0], LOADS[2])):
+        work = nested(tubes, load, min(FEW, plan.effort.neighbours))
+        yield from measured(work, plan.effort, (INTEGRATION, WARM, COLD))
+
+
+def main(arguments=None):
+    """Measure and print; returns the rows of the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="a little of everything, in less than a minute")
+    parser.add_argument("--memory", type=int, metavar="SOLVES", help="warm solves for memory (100,000; quick: 100)")
+    parser.add_argument("--figure", type=Path, metavar="PATH", help=f"of the figure ({FIGURE.relative_to(ROOT)})")
+    given = parser.parse_args(arguments)
+    plan = QUICK if given.quick else FULL
+    measurements = list(rows(plan))
+    print("\n".join(table(measurements, [mode.name for mode in REFERENCES], [mode.name for mode in MODES])))
+    print("in brackets: largest error of the tip, mm\n", flush=True)
+    for line in scaling.lines(plan.effort, plan.nested):
+        print(line, flush=True)
+    solves = given.memory or (100 if given.quick else 100_000)
+    work = three_tubes("A", LOADS[0], plan.effort.neighbours)
+    early, late = growth(ctr.ForwardProblem(work.robot), work, solves)
+    print(f"resident after {solves // 10:,} warm solves: {early:.2f} MB, after {solves:,}: {late:.2f} MB", flush=True)
+    if given.figure or not given.quick:
+        transcriptions.draw(transcriptions.work(plan.figure, plan.parts), given.figure or FIGURE)
+    return measurements
+
+
+if __name__ == "__main__":
+    main()

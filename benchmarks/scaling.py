@@ -1,0 +1,61 @@
+"""How times grow: with sections, tubes and load points, as exponents of a power law."""
+
+from itertools import product
+
+import numpy as np
+
+import ctr_opt as ctr
+from ctr_opt.mechanics.sections import Configuration
+from ctr_opt.transcription.shooting import Shooting
+
+from .methods import INTEGRATION, LINEARIZATION, linearized, sweep
+from .timing import fastest
+from .work import nested
+
+LOAD_POINTS = (0, 20, 60)  # on robots of every tube count: each is a section more
+MANY_LOAD_POINTS = (50, 100, 200, 400)  # on three tubes
+WAYS = {INTEGRATION: (sweep, 1), LINEARIZATION: (linearized, 2)}  # and the exponent of tubes allowed
+
+
+def pulled(work, points):
+    """Forces at so many points along the innermost tube, of the size of the load at the tip in all."""
+    force, _ = work.wrench
+    places = np.linspace(0.0, work.start.length, points + 2)[1:-1]
+    return [ctr.PointWrench(force / points, arc_length=float(s)) for s in places]
+
+
+def shooting(work, points):
+    """One step in each section; the unknowns of the robot without these loads are as good as any."""
+    configuration = Configuration(work.robot, work.actuation, pulled(work, points))
+    breaks = configuration.break_points
+    z = work.start.last_iterate.unknowns(work.start.configuration.scales, False)
+    return Shooting(configuration, np.column_stack((breaks[:-1], breaks[1:]))), z
+
+
+def exponents(columns, times):
+    """Of each column in the power law that is nearest to the times."""
+    design = np.log(np.column_stack((np.full(len(times), np.e), *columns)))
+    return np.linalg.lstsq(design, np.log(times), rcond=None)[0][1:]
+
+
+def lines(effort, tubes):
+    """What to print, for robots of so many ``tubes``."""
+    works = [nested(count, "force", 0) for count in tubes]
+    grid = list(product(works, LOAD_POINTS))
+    problems = [shooting(*each) for each in grid]
+    sections, counts = [len(problem.mesh) for problem, _ in problems], [work.tubes for work, _ in grid]
+    yield f"time as sections^a tubes^b, {len(works)} tube counts, {min(sections)} to {max(sections)} sections:"
+    for name, (way, most) in WAYS.items():
+        a, b = exponents((sections, counts), times(way, problems, effort))
+        yield f"  {name}: a = {a:.2f} (linear: 1), b = {b:.2f} (at most {most})"
+    work = nested(min(3, max(tubes)), "force", 0)
+    problems = [shooting(work, points) for points in MANY_LOAD_POINTS]
+    yield f"time as (load points)^c, {work.tubes} tubes, {MANY_LOAD_POINTS[0]} to {MANY_LOAD_POINTS[-1]} points:"
+    for name, (way, _) in WAYS.items():
+        (c,) = exponents((MANY_LOAD_POINTS,), times(way, problems, effort))
+        yield f"  {name}: c = {c:.2f} (linear: 1)"
+
+
+def times(way, problems, effort):
+    """Seconds of each, taken in turns."""
+    return fastest([way(*problem)[0] for problem in problems], effort)
