@@ -38,7 +38,7 @@ class CompiledProblem:
         self._tubes = len(robot.tubes)
         self._size = native.size(_STEPS)
         self._automatic = settings.formulation == "automatic"
-        self._tolerances = Goal(settings.tolerance, settings.residual_tolerance)
+        self._tolerances = Goal(settings.tolerance, settings.compiled_residual)
         self._goal = ctypes.addressof(self._tolerances)
         self._mine = threading.local()
 
@@ -76,7 +76,7 @@ class CompiledProblem:
         configuration = initial.configuration
         scales = configuration.scales
         unknowns = initial.last_iterate.unknowns(scales, configuration.kind.live)
-        block = np.concatenate((unknowns, jacobian.ravel(), [scales.moment, scales.force]))
+        block = np.concatenate((unknowns, jacobian.ravel(), 0.0 * unknowns, [scales.moment, scales.force]))
         self._mine.block = block  # kept until the solve is over
         return int(block.ctypes.data)
 

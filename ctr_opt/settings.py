@@ -40,6 +40,11 @@ class Settings:
         return min(1e-9, max(1e-12, 1e-4 * self.tolerance))
 
     @property
+    def compiled_residual(self) -> float:
+        """The same for compiled solves, whose last step usually ends far below: a hundredth of the tolerance at most."""
+        return min(1e-9, max(1e-12, 1e-2 * self.tolerance))
+
+    @property
     def ipopt(self) -> Ipopt:
         """The method, where IPOPT is at work."""
         return self.method if isinstance(self.method, Ipopt) else Ipopt()

@@ -9,7 +9,8 @@
 enum { /* a result: numbers, then blocks */
   R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_STIFFNESS, R_REFINEMENTS, R_TIED, R_NEEDED, R_COLD,
   HEADER = 16,
-  START = NZ + NZ * NZ + 2, /* the block that a solve may start from: unknowns, Jacobian, units of moment and force */
+  /* The block that a solve may start from: unknowns, their Jacobian and the tip conditions there by RK4, units. */
+  START = NZ + NZ * NZ + NZ + 2,
 };
 
 typedef struct {
@@ -17,6 +18,7 @@ typedef struct {
 } Goal;
 
 static const int MOST_REFINEMENTS = 3, MOST_CUTS = 3;
+static const double PREDICTED = 1e-5; /* tip conditions to which RK4 is asked to predict */
 static const double SAFETY = 10.0; /* the sum of local errors, so multiplied, bounds the error in all robots tried */
 
 /* For Python to check that it reads what is written here. */
@@ -37,13 +39,13 @@ static int again(const Robot *robot, const Loads *loads, const double *actuation
   return failed;
 }
 
-/* A solve on ever finer meshes, from z near the solution on the first and a Jacobian nearby, until the error of positions
-   is below the tolerance: by the sum of local errors or, where that is too large, by half the steps' length. R_ERROR is
-   negative where it is only known to be below. The Jacobian left is that of RK4. */
-static int refine(Layout *layout, double *z, const double *jacobian, const Goal *goal, int iterations, double *result,
+/* A solve on ever finer meshes, from z near the solution on that of `first` and the inverse of a Jacobian nearby, until
+   the error of positions is below the tolerance: by the sum of local errors or, where that is too large, by half the
+   steps' length. R_ERROR is negative where it is only known to be below. The Jacobian left is that of RK4. */
+static int refine(const Case *first, double *z, double *inverse_, const Goal *goal, int iterations, double *result,
                   long capacity) {
-  double inverse_[NZ * NZ], residual[NZ];
-  if (inverse(NZ, jacobian, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
+  Case c, halves, coarse = *first;
+  Layout *layout = first->layout;
   for (int refinements = 0; refinements <= MOST_REFINEMENTS; refinements++) {
     const long n = layout->steps, needed = HEADER + START + 2 * n + NX * (2 * n + 1);
     if (needed > capacity) {
@@ -53,9 +55,9 @@ static int refine(Layout *layout, double *z, const double *jacobian, const Goal 
     double *out = result + HEADER, *mesh = out + START;
     Found found = {.iterations = iterations, .right = mesh + 2 * n, .left = mesh + 2 * n + NX * (n + 1)};
     memcpy(found.z, z, sizeof found.z);
-    Case c, halves, coarse;
     int failed = pack(layout, &RK8, &c);
-    if (!failed) failed = approach(&c, inverse_, goal->residual, INFINITY, &found);
+    if (!failed && (refinements || coarse.track.rk != &RK4)) failed = pack(layout, &RK4, &coarse);
+    if (!failed) failed = approach(&c, inverse_, NULL, goal->residual, INFINITY, &found);
     if (failed == DIVERGED) {
       memcpy(found.z, z, sizeof found.z);
       failed = polish(&c, goal->residual, &found);
@@ -76,9 +78,7 @@ static int refine(Layout *layout, double *z, const double *jacobian, const Goal 
       layout = finer;
       continue;
     }
-    failed = pack(layout, &RK4, &coarse);
-    if (failed) return failed;
-    linearize(&coarse, z, residual, out + NZ, NULL);
+    linearize(&coarse, z, out + NZ + NZ * NZ, out + NZ, NULL);
     const double header[] = {iterations, found.residual, error, n, layout->length, layout->stiffness, refinements,
                              layout->tied, needed, 0.0};
     memcpy(result, header, sizeof header);
@@ -94,22 +94,29 @@ static int refine(Layout *layout, double *z, const double *jacobian, const Goal 
   return INACCURATE;
 }
 
-/* From an equilibrium nearby: the block `start` of its result. */
+/* From an equilibrium nearby: the block `start` of its result. The change from there is found by RK4 first, as its error
+   hardly changes: it leaves the same tip conditions as it did there. */
 EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation, const double *start, const Goal *goal,
                 double *result, long capacity) {
   empty();
   Layout layout;
+  Case coarse;
   int failed = lay_out(robot, loads, actuation, &layout);
+  if (!failed) failed = pack(&layout, &RK4, &coarse);
   if (failed) return failed;
-  double z[NZ], unit[NZ], before[NZ * NZ];
-  const double *old = start + NZ;
+  double unit[NZ], before[NZ * NZ], left[NZ], inverse_[NZ * NZ];
+  const double *old = start + NZ, *conditions = old + NZ * NZ;
   const double moment = start[START - 2] / moment_scale(&layout), force = start[START - 1] / force_scale(&layout);
+  Found found = {0};
   for (int i = 0; i < NZ; i++) unit[i] = i < 2 + TUBES ? moment : force;
   for (int i = 0; i < NZ; i++) {
-    z[i] = start[i] * unit[i];
+    found.z[i] = start[i] * unit[i];
+    left[i] = conditions[i] * unit[i];
     for (int j = 0; j < NZ; j++) before[i * NZ + j] = old[i * NZ + j] * unit[i] / unit[j];
   }
-  failed = refine(&layout, z, before, goal, 0, result, capacity);
+  if (inverse(NZ, before, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
+  failed = approach(&coarse, inverse_, left, PREDICTED, INFINITY, &found);
+  if (!failed) failed = refine(&coarse, found.z, inverse_, goal, found.iterations, result, capacity);
   if (!failed && !regular_between(before, result + HEADER + NZ)) failed = PERHAPS_ANOTHER_BRANCH;
   return failed;
 }
@@ -124,11 +131,12 @@ EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation,
   if (failed) return failed;
   const Tableau *ways[] = {&RK4, &RK8};
   for (int k = 0; k < 2; k++) {
-    double z[NZ], jacobian[NZ * NZ];
+    double z[NZ], jacobian[NZ * NZ], inverse_[NZ * NZ];
     Case c;
     failed = pack(&layout, ways[k], &c);
     if (!failed) failed = follow(&c, z, jacobian, &iterations);
-    if (!failed) failed = refine(&layout, z, jacobian, goal, iterations, result, capacity);
+    if (!failed && inverse(NZ, jacobian, inverse_)) failed = SINGULAR;
+    if (!failed) failed = refine(&c, z, inverse_, goal, iterations, result, capacity);
     if (!failed || failed == TOO_SMALL) break;
   }
   if (!failed) result[R_COLD] = 1.0;

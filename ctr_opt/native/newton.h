@@ -43,15 +43,17 @@ typedef struct {
   double *right, *left;          /* states behind and before the loads at the nodes */
 } Found;
 
-/* Broyden's method from the inverse of a Jacobian nearby, one sweep an iteration. `size` is that of the first step allowed;
-   nodes and errors are those of the last sweep. */
-static int approach(const Case *c, double *inverse_, double tolerance, double size, Found *found) {
+/* Broyden's method from the inverse of a Jacobian nearby, one sweep an iteration, to where the tip conditions are `wanted`
+   (or zero). `size` is that of the first step allowed; nodes and errors, if asked for, are those of the last sweep. */
+static int approach(const Case *c, double *inverse_, const double *wanted, double tolerance, double size, Found *found) {
   double residual[NZ], next[NZ], step[NZ], change[NZ], moved[NZ], row[NZ];
   for (int iteration = 0; iteration < 12; iteration++) {
     const int last = iteration > 0 && found->residual < NEARLY; /* probably */
     found->local = 0.0;
-    shoot(c, found->z, next, found->right, found->left, last ? &found->local : NULL);
+    shoot(c, found->z, next, found->right, found->left, last && found->right ? &found->local : NULL);
     found->iterations++;
+    if (wanted)
+      for (int i = 0; i < NZ; i++) next[i] -= wanted[i];
     found->residual = largest(NZ, next);
     if (iteration > 0) {
       double scale = 0.0; /* the step taken is -step */
@@ -64,7 +66,7 @@ static int approach(const Case *c, double *inverse_, double tolerance, double si
           for (int j = 0; j < NZ; j++) inverse_[i * NZ + j] += (step[i] + moved[i]) * row[j] / scale;
     }
     if (found->residual <= tolerance) {
-      if (!last) shoot(c, found->z, next, found->right, found->left, &found->local);
+      if (!last && found->right) shoot(c, found->z, next, found->right, found->left, &found->local);
       return 0;
     }
     memcpy(residual, next, sizeof next);
@@ -87,7 +89,7 @@ static int polish(const Case *c, double tolerance, Found *found) {
     const double size = correct(inverse_, residual, found->z);
     if (!(size <= (iteration ? CONTRACTION : 1.0) * before)) return DIVERGED;
     before = size;
-    if (size < NEARBY) return approach(c, inverse_, tolerance, size, found);
+    if (size < NEARBY) return approach(c, inverse_, NULL, tolerance, size, found);
   }
   return DIVERGED;
 }

@@ -38,13 +38,19 @@ static void fill_tubes(Case *c, int k) {
     column[1 + TUBES + i] = robot->torsional[i] / layout->stiffness;
     if (!present) continue;
     const int piece = piece_of(robot, i, section_middle - layout->translations[i]);
+    if (robot->degree == 0) {
+      double value[3];
+      precurvature(robot, i, piece, 0.0, value, NULL);
+      for (int j = 0; j < rk->stages; j++)
+        for (int r = 0; r < 3; r++) curved[3 * (TUBES * j + i) + r] = value[r] * layout->length;
+      continue;
+    }
     for (int j = 0; j < rk->stages; j++) {
       const double s = step.start + rk->nodes[j] * (step.end - step.start);
       double *value = curved + 3 * (TUBES * j + i), slope[3];
       precurvature(robot, i, piece, s - layout->translations[i], value, slope);
-      for (int r = 0; r < 3; r++) value[r] *= layout->length;
-      if (robot->degree == 0) continue;
       for (int r = 0; r < 3; r++) {
+        value[r] *= layout->length;
         if (slope[r] != 0.0) c->flags[k] |= VARYING;
         shift[3 * (TUBES * j + i) + r] = slope[r] * layout->length * layout->length;
       }

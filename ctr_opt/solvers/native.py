@@ -142,7 +142,7 @@ class Native:
         numbers = (_INT * 8)()
         library.sizes(numbers)
         self.states, self.unknowns, self.header, *_ = numbers
-        self.start = self.unknowns + self.unknowns**2 + 2
+        self.start = self.unknowns * (self.unknowns + 2) + 2
 
     def size(self, steps: int) -> int:
         """Numbers in the result of a solve with so many steps."""
