@@ -19,8 +19,11 @@ from .table import Measured, Row, table
 from .timing import Effort, fastest
 from .work import LOADS, ROOT, nested, three_tubes
 
-REFERENCES = [scipy("SciPy as printed", reference.printed), scipy("SciPy expanded", reference.expanded)]
-MODES = [package("virtual machine")]
+REFERENCES = [
+    scipy("SciPy, textbook", reference.printed, reuse=False),
+    scipy("SciPy, tuned", reference.expanded, reuse=True),
+]
+MODES = [package("compiled", compiled=True), package("virtual machine", compiled=False)]
 FIGURE = ROOT / "docs" / "figures" / "transcriptions.png"
 
 
@@ -82,7 +85,7 @@ def main(arguments=None):
         print(line, flush=True)
     solves = given.memory or (100 if given.quick else 100_000)
     work = three_tubes("A", LOADS[0], plan.effort.neighbours)
-    early, late = growth(ctr.ForwardProblem(work.robot), work, solves)
+    early, late = growth(ctr.ForwardProblem(work.robot, compiled=True), work, solves)
     print(f"resident after {solves // 10:,} warm solves: {early:.2f} MB, after {solves:,}: {late:.2f} MB", flush=True)
     if given.figure or not given.quick:
         transcriptions.draw(transcriptions.work(plan.figure, plan.parts), given.figure or FIGURE)

@@ -5,6 +5,7 @@ a kind of work is the median over the neighbours. Errors of the tip are taken ag
 """
 
 from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 import attrs
@@ -22,6 +23,8 @@ WARM = "warm solve"
 DERIVATIVES = "warm solve, derivatives"
 MANY = "solve_many, per solve"
 COLD = "cold solve"
+PYTHON = "Python of a warm solve"
+REPEATS = 20  # integrations in a call of compiled code
 _COLD_STARTS = 5
 
 
@@ -61,12 +64,12 @@ def solves(action, targets, exact):
 # -- SciPy -------------------------------------------------------------------------------------------------------------
 
 
-def scipy(name, rates):
-    """The reference solver with one of its right-hand sides."""
+def scipy(name, rates, reuse):
+    """The reference solver with one of its right-hand sides, Jacobians used again or not."""
 
     def solve(work, actuation, start=None):
         tubes, load = work.reference
-        return reference.solve(tubes, plain(actuation), load, start, rates)
+        return reference.solve(tubes, plain(actuation), load, start, rates, reuse=reuse)
 
     def shot_by_scipy(work):
         tubes, load = work.reference
@@ -126,15 +129,32 @@ def linearized(shooting, z):
     return called(shooting.functions.linearized(len(shooting.mesh)), z, shooting.entry, shooting.columns)
 
 
-def package(name, **options):
-    """The package with options of ``ForwardProblem``."""
+def native(problem, start, repeats, derivative=False):
+    """Integrations by compiled code, so many in a call, on the mesh rule of its solves; what it fills comes second."""
+    compiled = problem._by_compiled_code(start.loads)
+    rows, inputs = compiled._inputs(start.actuation, start.loads)
+    found = np.zeros(compiled.native.states)
+    case = (compiled._address, rows.address, inputs, start.start, repeats, derivative, found.ctypes.data)
+
+    def call(_keep=(rows, start, found)):
+        compiled.native.integrate(*case)
+
+    return call, found
+
+
+def package(name, compiled):
+    """The package, by compiled code or in CasADi's virtual machine."""
 
     def started(work):
-        problem = ctr.ForwardProblem(work.robot, **options)
+        problem = ctr.ForwardProblem(work.robot, compiled=compiled)
         return problem, problem.solve(work.actuation, work.loads)
 
     def integration(work):
-        _, start = started(work)
+        problem, start = started(work)
+        if compiled:
+            action, tip = native(problem, start, REPEATS)
+            action()
+            return Prepared([action], worst([start.length * tip[:3]], [work.start.tip_position]), REPEATS)
         shooting, z = shot(start)
         action, found = sweep(shooting, z)
         action()
@@ -142,8 +162,18 @@ def package(name, **options):
         return Prepared([action], worst([tip], [work.start.tip_position]))
 
     def linearization(work):
-        action, _ = linearized(*shot(started(work)[1]))
-        return Prepared([action])
+        problem, start = started(work)
+        if compiled:
+            return Prepared([native(problem, start, REPEATS, derivative=True)[0]], solves=REPEATS)
+        return Prepared([linearized(*shot(start))[0]])
+
+    def python(work):
+        """Warm solves whose compiled part returns at once."""
+        problem, start = started(work)
+        fast = problem._by_compiled_code(work.loads)
+        fast.native = copy(fast.native)
+        fast.native.warm = lambda *_: 0
+        return Prepared([lambda t=target: problem.solve(t, work.loads, initial=start) for target in work.targets])
 
     def warm(work):
         problem, start = started(work)
@@ -165,8 +195,7 @@ def package(name, **options):
 
         def action(target):
             shape = problem.solve(target, work.loads)
-            if hasattr(ctr.Equilibrium, "is_stable"):
-                assert not work.conservative or shape.is_stable
+            assert not work.conservative or shape.is_stable
             return shape
 
         return solves(action, *cold_starts(work))
@@ -177,9 +206,12 @@ def package(name, **options):
         error = worst([shape.tip_position for shape in shapes], work.tips)
         return Prepared([lambda: problem.solve_many(work.targets, work.loads)], error, len(work.targets))
 
-    measures = {INTEGRATION: integration, LINEARIZATION: linearization, WARM: warm, COLD: cold}
-    if hasattr(ctr.Equilibrium, "unstable_directions"):
-        measures[DERIVATIVES] = derivatives
-    if hasattr(ctr.ForwardProblem, "solve_many"):
-        measures[MANY] = many
-    return Mode(name, measures)
+    measures = {
+        INTEGRATION: integration,
+        LINEARIZATION: linearization,
+        WARM: warm,
+        DERIVATIVES: derivatives,
+        MANY: many,
+        COLD: cold,
+    }
+    return Mode(name, measures | {PYTHON: python} if compiled else measures)

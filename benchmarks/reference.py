@@ -6,9 +6,10 @@ innermost. Sections between break points are integrated with DOP853 at a relativ
 where tubes end and at the tip are met by Newton's method with a Jacobian by differences. A solve starts from a
 neighbouring one or, from nothing, by continuation in precurvature and load from the straight robot.
 
-Written to be fast as such programs go: no dense output, constants of a section taken out of the right-hand side, one
-Jacobian for several iterations and several steps of the continuation. The right-hand side comes twice: ``printed``, in
-small matrices as the paper prints it, and ``expanded`` by hand into scalars, as fast as we know how without a compiler.
+Written to be fast as such programs go: no dense output, constants of a section taken out of the right-hand side. It
+comes twice: as textbooks have it, the right-hand side ``printed`` in small matrices as in the paper and a fresh
+Jacobian in every iteration; and tuned, the right-hand side ``expanded`` by hand into scalars and one Jacobian for several
+iterations and steps of the continuation, as fast as we know how without a compiler.
 """
 
 from dataclasses import dataclass
@@ -119,7 +120,8 @@ def expanded(bending, torsional, star, force):
 class Shooting:
     """The residual of one robot, actuation and load, precurvature and load multiplied by ``part``."""
 
-    def __init__(self, tubes, actuation, load, rates, rtol=RTOL, part=1.0):
+    def __init__(self, tubes, actuation, load, rates, rtol=RTOL, part=1.0, reuse=True):
+        self.reuse = reuse
         self.tubes, (self.rotations, self.translations) = tubes, actuation
         self.rtol, self.moment = rtol, part * np.asarray(load[1])
         begins = [t + a for t, a in zip(self.translations, tubes.straight, strict=True)]
@@ -195,7 +197,7 @@ class Shooting:
                 return None
             if contraction < 1.0:
                 z, residual = trial, found
-            if contraction > CONTRACTION:
+            if contraction > CONTRACTION or not self.reuse:
                 jacobian = None
             fresh = False
         return None
@@ -210,10 +212,10 @@ class Shooting:
         return jacobian
 
 
-def solve(tubes, actuation, load, start=None, rates=printed, rtol=RTOL):
+def solve(tubes, actuation, load, start=None, rates=printed, rtol=RTOL, reuse=True):
     """Solve for ``actuation`` (rotations, translations) and ``load`` (force, moment at the tip, world frame).
 
-    ``start``: a :class:`Solved` neighbour; None: from the straight robot.
+    ``start``: a :class:`Solved` neighbour; None: from the straight robot. ``reuse``: Jacobians for several iterations.
     """
     tolerance, integrations = RESIDUAL * rtol, 0
     if start is not None:
@@ -223,13 +225,13 @@ def solve(tubes, actuation, load, start=None, rates=printed, rtol=RTOL):
     before = None
     while reached < 1.0:
         target = min(1.0, reached + step)
-        shooting = Shooting(tubes, actuation, load, rates, rtol, target)
+        shooting = Shooting(tubes, actuation, load, rates, rtol, target, reuse)
         guess = z if before is None else z + (target - reached) / (reached - before[0]) * (z - before[1])
         found = shooting.newton(guess, tolerance if target == 1.0 else ON_THE_WAY, jacobian)
         integrations += shooting.integrations
         if found is not None:
             before, reached, step = (reached, z), target, 2.0 * step
-            z, jacobian = found
+            z, jacobian = found if reuse else (found[0], None)
         elif start is not None or step < SMALLEST_STEP:
             raise ArithmeticError(f"Newton's method diverges at {target:.3g} of precurvature and load")
         else:

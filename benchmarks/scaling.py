@@ -5,8 +5,6 @@ from itertools import product
 import numpy as np
 
 import ctr_opt as ctr
-from ctr_opt.mechanics.sections import Configuration
-from ctr_opt.transcription.shooting import Shooting
 
 from .methods import INTEGRATION, LINEARIZATION, linearized, sweep
 from .timing import fastest
@@ -56,6 +54,6 @@ def lines(effort, tubes):
         yield f"  {name}: c = {c:.2f} (linear: 1)"
 
 
-def times(way, problems, effort):
+def times(derivative, problems, effort):
     """Seconds of each, taken in turns."""
-    return fastest([way(*problem)[0] for problem in problems], effort)
+    return fastest([native(*problem, REPEATS, derivative)[0] for problem in problems], effort) / REPEATS

@@ -39,22 +39,22 @@ def random_case(rng, n, **options):
 
 @pytest.mark.parametrize("tubes", [1, 2, 3, 4])
 def test_cold_answers_are_those_of_the_virtual_machine(tubes):
-    """Same mesh, same integrator: the answers differ by what 1e-11 in the tip conditions moves the shape."""
+    """The answers differ by what 1e-9 of the length, and 1e-11 in the tip conditions, moves the shape."""
     rng = np.random.default_rng(100 + tubes)
     used = 0
     for _ in range(10):
         robot, actuation, loads = random_case(rng, tubes)
-        compiled, machine = both(robot)
+        compiled, machine = both(robot, tolerance=1e-9)
         a, b = compiled.solve(actuation, loads), machine.solve(actuation, loads)
         used += by_compiled_code(a)
-        np.testing.assert_allclose(a.tip_pose, b.tip_pose, atol=1e-9)
-        assert a.discretization_error < 1e-7 * a.length
+        np.testing.assert_allclose(a.tip_pose, b.tip_pose, atol=1e-8)
+        assert a.discretization_error < 1e-9 * a.length
         if np.array_equal(a.shape.mesh.shape, b.shape.mesh.shape) and np.allclose(a.shape.mesh, b.shape.mesh, atol=1e-12):
             expected = pytest.approx(b.discretization_error, rel=0.2, abs=1e-11 * a.length)
             assert a.discretization_error == expected
         assert a.residual_norm < 1e-11
         assert a.determinant == pytest.approx(b.determinant, rel=1e-5)  # of meshes that may differ
-        assert a.verify() < 1e-7 * a.length
+        assert a.verify() < 1e-9 * a.length
         assert (a.unstable_directions, a.is_stable) == (b.unstable_directions, b.is_stable)
     assert used >= 8  # the others meet folds on the way
 
@@ -103,7 +103,7 @@ def test_body_loads_and_weights(tubes):
         near = ctr.Actuation(actuation.rotations + 0.02, actuation.translations - 2e-4)
         c, d = compiled.solve(near, loads, initial=a), machine.solve(near, loads, initial=b)
         assert by_compiled_code(c)
-        np.testing.assert_allclose(c.tip_pose, d.tip_pose, atol=1e-9)
+        np.testing.assert_allclose(c.tip_pose, d.tip_pose, atol=1e-8)
 
 
 def test_a_warm_solve_continues_the_branch():

@@ -185,19 +185,21 @@ EXPORT void many(const Robot *robot, const Loads *const *loads, const double *ac
   }
 }
 
-/* One integration from the entry to the tip, for comparison: the position of the tip. */
+/* Integrations from the entry to the tip, for comparison, with the derivative by the unknowns or without: the state
+   there. */
 EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int repeats,
-                     int directions, double *tip) {
+                     int derivative, double *tip) {
   empty();
   Layout layout;
   Case c;
   int failed = lay_out(robot, loads, actuation, &layout);
   if (!failed) failed = pack(&layout, &RK8, &c);
   for (int k = 0; k < repeats && !failed; k++) {
-    double residual[NZ], jacobian[NZ * NZ];
-    if (directions) linearize(&c, z, residual, jacobian, NULL);
-    else shoot(&c, z, residual, NULL, NULL, NULL);
-    memcpy(tip, residual, sizeof residual);
+    double residual[NZ], jacobian[NZ * NZ], x[NX];
+    start_state(&c, z, x);
+    behind(x, c.start, tip);
+    if (derivative) linearize(&c, z, residual, jacobian, NULL);
+    else sweep(&c.track, tip, NULL, NULL, NULL);
   }
   return failed;
 }
