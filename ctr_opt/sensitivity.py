@@ -87,7 +87,8 @@ def kinked(solved: Solved, chosen: Sequence[Parameter]) -> list[int]:
 def _problem(solved: Solved, chosen: Sequence[Parameter], wanted: Output) -> ParametricProblem:
     configuration = solved.configuration
     left = from_left(wanted, configuration)
-    return ParametricProblem(configuration, chosen, solved.integrator, wanted.s, from_left=left)
+    probes = () if wanted.s is None else (wanted.s,)
+    return ParametricProblem(configuration, chosen, solved.integrator, probes, from_left=left)
 
 
 def _sign(problem: ParametricProblem, column: int, side: int) -> float:

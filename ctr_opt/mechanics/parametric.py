@@ -6,7 +6,7 @@ numbers elsewhere; which section they belong to is told by an ``Order``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -63,19 +63,21 @@ class FieldPush:
 class Parametric:
     """The configuration with the ``values`` of some parameters, columns of symbols, in the place of its own.
 
-    ``probe`` is an arc length that is to be a break point.
+    ``probes`` are arc lengths that are to be break points. Where the order is not known, ``clip`` keeps every break
+    point on its tube.
     """
 
     def __init__(
-        self, configuration: Configuration, values: Mapping[str, Any], probe: float | None = None, clip: bool = False
+        self, configuration: Configuration, values: Mapping[str, Any], probes: Sequence[float] = (), clip: bool = False
     ) -> None:
         self.configuration = configuration
         self.tubes = configuration.tube_count
         self._values = values
-        self._clip = clip  # break points to the end of their tube, where the order is not known
+        self._clip = clip
         self._known: dict[str, Parameter] = parameters(
             configuration.robot, configuration.actuation, configuration.loads
         )
+        self._within: list[Any] = []  # what must not be negative: how far loads are from the ends of their tubes
         self.points: dict[Key, Any] = {ENTRY: 0.0}
         self.nominal: dict[Key, float] = {ENTRY: 0.0}
         self.translations = [self._at("translations", i) for i in range(self.tubes)]
@@ -89,8 +91,8 @@ class Parametric:
         for k, load in self._loads:
             self._place(k, load)
         self._fix_others()
-        if probe is not None:
-            self._add(("probe",), probe, probe, None)
+        for k, s in enumerate(probes):
+            self._add(("probe", k), s, s, self.length)
 
     # -- values ----------------------------------------------------------------------------------------------------
 
@@ -146,7 +148,7 @@ class Parametric:
         """The pieces of a tube: the break point where each begins, and coefficients of powers of ``s`` from there."""
         tube = self.configuration.robot.tubes[i]
         starts, pieces, end = list(tube.shape.breaks), [], self.translations[i]
-        self._add(("tube", i, 0), end, self.configuration.translations[i], None)
+        self._add(("tube", i, 0), end, self.configuration.translations[i])
         for k, piece in enumerate(tube.precurvature):
             name = f"tubes[{i}].precurvature[{k}]"
             stretch = self._at(f"{name}.length") / piece.length
@@ -154,12 +156,30 @@ class Parametric:
                 pieces.append((("tube", i, len(pieces)), rows))
                 end = end + width
                 nominal = float(self.configuration.translations[i] + starts[len(pieces)])
-                self._add(("tube", i, len(pieces)), end, nominal, None)
+                self._add(("tube", i, len(pieces)), end, nominal)
         return pieces
 
     def tube_end(self, i: int) -> Key:
         """The break point where a tube ends."""
         return ("tube", i, len(self.shapes[i]))
+
+    @property
+    def length(self) -> Any:
+        """The largest tube end."""
+        length, *ends = (self.points[self.tube_end(i)] for i in range(self.tubes))
+        for end in ends:
+            length = ca.if_else(length < end, end, length)
+        return length
+
+    @property
+    def margin(self) -> Any:
+        """How far the robot is from what it cannot be, m: loads beyond their tubes, tubes drawn out or in too far."""
+        ends = [self.points[self.tube_end(i)] for i in range(self.tubes)]
+        margins = [*self._within, *ends, *(-beta for beta in self.translations)]
+        least = margins[0]
+        for each in margins[1:]:
+            least = ca.fmin(least, each)
+        return least
 
     def present(self, order: Order, i: int, section: int) -> Any:
         """One if a tube exists in a section."""
@@ -177,24 +197,37 @@ class Parametric:
                 rows[d] += weight * row
         return start, rows
 
-    def behind(self, order: Order, i: int) -> tuple[Any, Any]:
-        """Twist of a tube behind the entry point, and the energy of holding it straight there."""
-        twist, energy = ca.SX(0), ca.SX(0)
-        for j, (key, rows) in enumerate(self.shapes[i]):
-            low = order.behind[key] - self.points[key]
-            high = order.behind["tube", i, j + 1] - self.points[key]
+    def twist_behind(self, order: Order, i: int) -> Any:
+        """Integral of ``u*_i,z`` behind the entry point."""
+        twist = ca.SX(0)
+        for low, high, rows in self._pieces_behind(order, i):
             for d, row in enumerate(rows):
                 twist += row[2] * (high ** (d + 1) - low ** (d + 1)) / (d + 1)
+        return twist
+
+    def energy_behind(self, order: Order, i: int) -> Any:
+        """Energy of holding curved parts straight behind the entry point, J."""
+        energy = ca.SX(0)
+        for low, high, rows in self._pieces_behind(order, i):
+            for d, row in enumerate(rows):
                 for e, other in enumerate(rows):
                     power = d + e + 1
                     energy += ca.dot(row[:2], other[:2]) * (high**power - low**power) / power
-        return twist, 0.5 * self.bending_stiffness[i] * energy
+        return 0.5 * self.bending_stiffness[i] * energy
+
+    def _pieces_behind(self, order: Order, i: int) -> Iterator[tuple[Any, Any, list[Any]]]:
+        """The parts of a tube's pieces behind the entry point: where they begin and end in the piece, coefficients."""
+        for j, (key, rows) in enumerate(self.shapes[i]):
+            rank = order.ranks[key]
+            if not (isinstance(rank, int) and rank >= 0):
+                start = self.points[key]
+                yield order.behind[key] - start, order.behind["tube", i, j + 1] - start, rows
 
     # -- loads -----------------------------------------------------------------------------------------------------
 
-    def _add(self, key: Key, value: Any, nominal: float, tube: int | None) -> Key:
-        if self._clip and tube is not None:
-            end = self.points[self.tube_end(tube)]
+    def _add(self, key: Key, value: Any, nominal: float, end: Any = None) -> Key:
+        """A break point, which is kept in front of the ``end`` of what carries it."""
+        if self._clip and end is not None:
             value = ca.if_else(value < end, value, end)
         self.points[key] = value
         self.nominal[key] = float(nominal)
@@ -207,8 +240,9 @@ class Parametric:
             return self.tube_end(tube)
         if nominal == 0.0 and name not in self._values:
             return ENTRY
-        value = self._at(name)
-        return self._add(("load", k, field), value, min(nominal, float(self.configuration.tube_ends[tube])), tube)
+        end, value = self.points[self.tube_end(tube)], self._at(name)
+        self._within.append(end - value)
+        return self._add(("load", k, field), value, min(nominal, float(self.configuration.tube_ends[tube])), end)
 
     def _place(self, k: int, load: Load) -> None:
         name = f"loads[{k}]"
@@ -259,16 +293,15 @@ class Parametric:
             if not self._clip and not load.start <= s <= self.nominal[end]:
                 knots.append(PASSED if s < load.start else AHEAD)
             else:
-                knots.append(self._add(("knot", k, field, m), s, s, load.tube))
+                knots.append(self._add(("knot", k, field, m), s, s, self.points[self.tube_end(load.tube)]))
         return Density(knots, value.arc_length.tolist(), rows, slopes)
 
     def _fix_others(self) -> None:
         """Break points of the configuration by which loads given as functions are resolved stay where they are."""
         known = np.array(list(self.nominal.values()))
-        longest = int(np.argmax(self.configuration.tube_ends))
         for k, s in enumerate(self.configuration.break_points):
             if np.abs(known - s).min() > _SAME_POINT * self.configuration.length:
-                self._add(("fixed", k), float(s), float(s), longest)
+                self._add(("fixed", k), float(s), float(s), self.length)
 
 
 def _polynomials(piece: Any, name: str, stretch: Any, of: Parametric) -> list[tuple[Any, list[Any]]]:

@@ -19,9 +19,9 @@ from .columns import EntryColumn, StepColumns
 
 @attrs.frozen(eq=False)
 class Sample:
-    """The value of a load given as a function of numbers, at a place that parameters may move."""
+    """The values ``(3, places)`` of a load given as a function of numbers, at places that parameters may move."""
 
-    place: Any
+    places: Any
     value: Any
     function: Callable[[float], Any]
 
@@ -45,14 +45,13 @@ class ParametricColumns:
     def step(self, section: int, low: float, high: float, fractions: Array, *, jump: bool = True) -> Any:
         """The column of a step between two fractions of a section, with point loads at its end, if it ends that."""
         layout = StepColumns(self.parametric.tubes, len(fractions), self.kind)
-        start, end = self.place(section, low), self.place(section, high)
-        nodes = [start + float(fraction) * (end - start) for fraction in fractions]
+        start, end, nodes = self._nodes(section, low, high, fractions)
         of, order, tubes = self.parametric, self.order, range(self.parametric.tubes)
         data = {
             "length": end - start,
             "bending_stiffness": ca.vertcat(*(of.present(order, i, section) * of.bending_stiffness[i] for i in tubes)),
             "torsional_stiffness": ca.vertcat(*of.torsional_stiffness),
-            "precurvature": ca.vertcat(*(self._curvature(i, section, s) for s in nodes for i in tubes)),
+            "precurvature": self._curvatures(section, nodes),
             **self._distributed(section, nodes),
             **self._points(section + 1, end, active=jump and high == 1.0),
         }
@@ -60,10 +59,13 @@ class ParametricColumns:
 
     def slopes(self, section: int, low: float, high: float, fractions: Array) -> Any:
         """``du*_i / ds (3 tubes,)`` at the nodes of such a step, one node behind the other, dimensionless."""
+        *_, nodes = self._nodes(section, low, high, fractions)
+        return self._curvatures(section, nodes, derivative=True) * self._scales.length**2
+
+    def _nodes(self, section: int, low: float, high: float, fractions: Array) -> tuple[Any, Any, Any]:
+        """Start and end of a step, and its nodes in a row."""
         start, end = self.place(section, low), self.place(section, high)
-        nodes = [start + float(fraction) * (end - start) for fraction in fractions]
-        slopes = (self._curvature(i, section, s, 1) for s in nodes for i in range(self.parametric.tubes))
-        return ca.vertcat(*slopes) * self._scales.length**2
+        return start, end, start + ca.SX(ca.DM(fractions)).T * (end - start)
 
     def entry(self, total_force: Any) -> Any:
         """The column of the entry point; ``total_force`` is that of the dead loads behind it, dimensionless."""
@@ -77,7 +79,7 @@ class ParametricColumns:
             "position": ca.DM(robot.base_pose[:3, 3]) + moved,
             "orientation": quaternion_product(base, quaternion_of_angles(ca.SX(turned))),
             "rotations": rotations,
-            "twist": ca.vertcat(*(of.behind(self.order, i)[0] for i in range(of.tubes))),
+            "twist": ca.vertcat(*(of.twist_behind(self.order, i) for i in range(of.tubes))),
             "compliance": ca.vertcat(
                 *(-beta / stiffness for beta, stiffness in zip(of.translations, of.torsional_stiffness, strict=True))
             ),
@@ -89,43 +91,44 @@ class ParametricColumns:
     @property
     def straightening_energy(self) -> Any:
         """Of curved parts held straight behind the entry point, J."""
-        return sum(self.parametric.behind(self.order, i)[1] for i in range(self.parametric.tubes))
+        return sum(self.parametric.energy_behind(self.order, i) for i in range(self.parametric.tubes))
 
     # -- parts -----------------------------------------------------------------------------------------------------
 
-    def _curvature(self, i: int, section: int, s: Any, derivative: int = 0) -> Any:
-        """``u*_i`` at ``s`` in a section, or its derivative by ``s``."""
-        if (i, section) not in self._pieces:
-            self._pieces[i, section] = self.parametric.precurvature(self.order, i, section)
-        start, rows = self._pieces[i, section]
-        value = ca.SX.zeros(3)
-        for d in range(len(rows) - 1, derivative - 1, -1):
-            factor = float(d) if derivative else 1.0
-            value = value * (s - start) + factor * rows[d]
-        return value
+    def _curvatures(self, section: int, nodes: Any, *, derivative: bool = False) -> Any:
+        """``u*_i`` of all tubes at places in a section, or the derivatives by ``s``, one place behind the other."""
+        values = []
+        for i in range(self.parametric.tubes):
+            if (i, section) not in self._pieces:
+                self._pieces[i, section] = self.parametric.precurvature(self.order, i, section)
+            start, rows = self._pieces[i, section]
+            if derivative:
+                rows = [float(d) * row for d, row in enumerate(rows)][1:] or [ca.SX.zeros(3)]
+            powers = [ca.SX.ones(nodes.shape)]
+            for _ in rows[1:]:
+                powers.append(powers[-1] * (nodes - start))
+            values.append(ca.horzcat(*rows) @ ca.vertcat(*powers))
+        return ca.vec(ca.vertcat(*values))
 
-    def _distributed(self, section: int, nodes: list[Any]) -> dict[str, Any]:
+    def _distributed(self, section: int, nodes: Any) -> dict[str, Any]:
         """Loads per arc length at places in a section."""
-        order, spread = self.order, [push for push in self.parametric.pushes if push.end is not None]
-        sums = [_Sums(self.parametric.tubes) for _ in nodes]
-        for push in spread:
-            assert push.end is not None
-            weight = order.within(push.start, push.end, section)
+        order, total = self.order, _Sums(self.parametric.tubes, nodes.shape[1])
+        for push in self.parametric.pushes:
+            weight = 0.0 if push.end is None else order.within(push.start, push.end, section)
             if isinstance(weight, float) and weight == 0.0:
                 continue
-            for total, s in zip(sums, nodes, strict=True):
-                force, moment = (self._density(d, section, s) for d in (push.force, push.moment))
-                total.add(push.tube, push.body, weight * force, weight * moment)
+            force, moment = (self._density(density, section, nodes) for density in (push.force, push.moment))
+            total.add(push.tube, push.body, weight * force, weight * moment)
         fields = [
             (push.field, order.within(push.start, push.end, section) * push.factor)
             for push in self.parametric.fields
             if push.end is not None
         ]
-        return self._named(sums, nodes, fields, "")
+        return self._named(total, nodes, fields, "")
 
     def _points(self, position: int, s: Any, *, active: bool) -> dict[str, Any]:
         """Point loads at a position."""
-        total, order, fields = _Sums(self.parametric.tubes), self.order, []
+        total, order, fields = _Sums(self.parametric.tubes, 1), self.order, []
         for push in self.parametric.pushes if active else ():
             if push.end is None:
                 weight = order.at(push.start, position)
@@ -133,44 +136,47 @@ class ParametricColumns:
         for spring in self.parametric.fields if active else ():
             if spring.end is None:
                 fields.append((spring.field, order.at(spring.start, position) * spring.factor))
-        return self._named([total], [s], fields, "point_")
+        return self._named(total, ca.SX(s), fields, "point_")
 
-    def _named(self, sums: list[_Sums], places: list[Any], fields: list[Any], prefix: str) -> dict[str, Any]:
+    def _named(self, total: _Sums, places: Any, fields: list[Any], prefix: str) -> dict[str, Any]:
         factors = [ca.SX(0) for _ in self.kind.fields]
         for field, factor in fields:
             factors[self.kind.fields.index(field)] += factor
         data = {
-            "force": ca.vertcat(*(total.force for total in sums)),
-            "moment": ca.vertcat(*(row for total in sums for row in total.moment)),
-            "body_force": ca.vertcat(*(row for total in sums for row in total.body_force)),
-            "body_moment": ca.vertcat(*(row for total in sums for row in total.body_moment)),
-            "place": ca.vertcat(*places),
+            "force": ca.vec(total.force),
+            "moment": ca.vec(ca.vertcat(*total.moment)),
+            "body_force": ca.vec(ca.vertcat(*total.body_force)),
+            "body_moment": ca.vec(ca.vertcat(*total.body_moment)),
+            "place": places.T,
             "unit": self._scales.length,
-            "field": ca.vertcat(*(factor for _ in places for factor in factors)),
+            "field": ca.repmat(ca.vertcat(*factors), places.shape[1], 1),
         }
         return {prefix + name: part for name, part in data.items()}
 
-    def _density(self, density: Density, section: int, s: Any) -> Any:
+    def _density(self, density: Density, section: int, nodes: Any) -> Any:
+        """A load per arc length at places in a section, ``(3, places)``."""
         if density.function is not None:
-            value = ca.SX.sym("load", 3)
-            self.samples.append(Sample(s, value, density.function))
+            value = ca.SX.sym("load", 3, nodes.shape[1])
+            self.samples.append(Sample(nodes, value, density.function))
             return value
         if not density.knots:
-            return density.rows[0]
-        value, order = ca.SX.zeros(3), self.order
+            return ca.repmat(density.rows[0], 1, nodes.shape[1])
+        value, order = ca.SX.zeros(3, nodes.shape[1]), self.order
         for j, slope in enumerate(density.slopes):
             weight = order.within(density.knots[j], density.knots[j + 1], section)
             if not (isinstance(weight, float) and weight == 0.0):
-                value += weight * (density.rows[j] + slope * (s - density.arc_length[j]))
+                value += weight * (ca.repmat(density.rows[j], 1, nodes.shape[1]) + slope @ (nodes - density.arc_length[j]))
         return value
 
 
 class _Sums:
-    """Forces and the tubes' moments that add up at a place."""
+    """Forces and the tubes' moments that add up at places, ``(3, places)`` each."""
 
-    def __init__(self, tubes: int) -> None:
-        self.force = ca.SX.zeros(3)
-        self.moment, self.body_force, self.body_moment = ([ca.SX.zeros(3) for _ in range(tubes)] for _ in range(3))
+    def __init__(self, tubes: int, places: int) -> None:
+        self.force = ca.SX.zeros(3, places)
+        self.moment, self.body_force, self.body_moment = (
+            [ca.SX.zeros(3, places) for _ in range(tubes)] for _ in range(3)
+        )
 
     def add(self, tube: int, body: bool, force: Any, moment: Any) -> None:
         if body:

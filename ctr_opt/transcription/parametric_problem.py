@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import attrs
@@ -11,17 +12,16 @@ import casadi as ca
 import numpy as np
 
 from ..errors import DefinitionError
-from ..mechanics.ordering import ENTRY, Key, Order, given_order
+from ..mechanics.ordering import ENTRY, Key, Order, given_order, sorted_order
 from ..mechanics.parametric import Parametric
 from ..mechanics.resolution import called
 from ..mechanics.sections import Configuration
-from ..mechanics.state import State
 from ..robot.checks import Array
 from ..robot.parameters import Parameter
-from .parametric_columns import ParametricColumns
+from .parametric_columns import ParametricColumns, fractions_of
 from .shooting import ShootingFunctions, shooting_functions
 
-PROBE: Key = ("probe",)
+PROBE: Key = ("probe", 0)
 SLACK = 1e-12  # of the length: closer break points are one point, as in ``Configuration``
 _STILL = 1e-9  # m per unit of a parameter: break points that move less relative to each other stay together
 
@@ -29,7 +29,7 @@ _STILL = 1e-9  # m per unit of a parameter: break points that move less relative
 class ParametricProblem:
     """A configuration with chosen parameters as symbols.
 
-    ``probe`` is an arc length at which values are wanted, ``from_left`` before anything that acts or ends there.
+    ``probes`` are arc lengths at which values are wanted, ``from_left`` before anything that acts or ends there.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class ParametricProblem:
         configuration: Configuration,
         chosen: Sequence[Parameter],
         integrator: str,
-        probe: float | None = None,
+        probes: Sequence[float] = (),
         *,
         from_left: bool = False,
         clip: bool = False,
@@ -52,7 +52,7 @@ class ParametricProblem:
             each.name: slice(int(end) - each.size, int(end)) for each, end in zip(self.chosen, ends, strict=True)
         }
         values = {name: self.theta[part] for name, part in self.parts.items()}
-        self.parametric = Parametric(configuration, values, probe, clip)
+        self.parametric = Parametric(configuration, values, probes, clip)
 
     @property
     def nominal(self) -> Array:
@@ -95,7 +95,7 @@ class ParametricProblem:
         """Whether break points that coincide are moved apart by a parameter."""
         velocities = self._velocities
         spreads = [np.ptp([velocities[key][column] for key in group]) for group in self._groups]
-        return bool(max(spreads) > _STILL)
+        return max(map(float, spreads)) > _STILL
 
     def keys(self, column: int, sign: float) -> tuple[Key, ...]:
         """The order of the break points when a parameter grows (``sign = 1``) or shrinks a little."""
@@ -113,6 +113,11 @@ class ParametricProblem:
     def given(self, keys: Sequence[Key]) -> Order:
         """That order."""
         return given_order(self.parametric.points, list(keys))
+
+    def sorted(self) -> Order:
+        """The order by the values of the parameters, as part of the function."""
+        points = self.parametric.points
+        return sorted_order(points, [key for key in points if self._behind(key)])
 
     def together(self, a: Key, b: Key) -> bool:
         """Whether two break points coincide and stay together."""
@@ -138,7 +143,8 @@ class ParametricProblem:
 class Swept:
     """The problem on a mesh in one order, at symbols ``z`` and ``theta``: states at the positions, and the residual.
 
-    ``right (size, positions)`` are the states behind the positions, ``left`` those before them, from the second on.
+    ``right (size, positions)`` are the states behind the positions, ``left`` those before them, from the second on;
+    ``weights (positions, probes)`` are one where a probe stands.
     """
 
     z: Any
@@ -178,7 +184,7 @@ class Discretized:
         self.steps = [
             (section, float(low), float(high))
             for section, cuts in enumerate(fractions)
-            for low, high in zip(cuts, cuts[1:], strict=False)
+            for low, high in pairwise(cuts)
         ]
         self.ends = np.cumsum([0, *(len(cuts) - 1 for cuts in fractions)])
         nodes = functions.integrator.nodes
@@ -187,9 +193,11 @@ class Discretized:
         total = functions.columns.total_force(columns, functions.integrator.weights)
         slopes = ca.horzcat(*(data.slopes(*step, nodes) for step in self.steps)) if integrals else ca.SX(0, 1)
         local = [self._local(data, *place) for place in self.around]
-        order_of_probe = [order.at(PROBE, k) for k in range(order.sections + 1)] if PROBE in order.ranks else []
-        outputs = [columns, data.entry(total), slopes, data.straightening_energy, ca.horzcat(*local)]
-        self.data = self._function(data, [*outputs, ca.vertcat(*order_of_probe)])
+        probes = [key for key in order.ranks if key[0] == "probe"]
+        weights = [ca.vertcat(*(order.at(key, k) for k in range(order.sections + 1))) for key in probes]
+        energy = data.straightening_energy if integrals else ca.SX(0)
+        outputs = [columns, data.entry(total), slopes, energy, ca.horzcat(*local)]
+        self.data = self._function(data, [*outputs, ca.horzcat(*weights)])
 
     @staticmethod
     def _local(data: ParametricColumns, position: int, side: int) -> Any:
@@ -200,7 +208,7 @@ class Discretized:
         """The data as a function of the parameters, loads given as functions at their present values."""
         theta, samples = self.problem.theta, data.samples
         if samples:
-            places = ca.vertcat(*(sample.place for sample in samples))
+            places = ca.vertcat(*(sample.places.T for sample in samples))
             moved = ca.Function("places", [theta], [places, ca.densify(ca.jacobian(places, theta))])
             at, slopes = (value.full() for value in moved(self.problem.nominal))
             if np.any(np.abs(slopes) > _STILL):
@@ -208,17 +216,23 @@ class Discretized:
                     "a load is given as a function of s, whose derivative by s is needed here as break points move "
                     "within it, but is not known: give it as a table, (s, values), or as an ExpressionLoad"
                 )
-            values = [called(sample.function, float(s), "load") for sample, s in zip(samples, at[:, 0], strict=True)]
-            symbols = ca.vertcat(*(sample.value for sample in samples))
+            functions = [sample.function for sample in samples for _ in range(sample.places.numel())]
+            values = [called(function, float(s), "load") for function, s in zip(functions, at[:, 0], strict=True)]
+            symbols = ca.vertcat(*(ca.vec(sample.value) for sample in samples))
             outputs = ca.substitute([ca.SX(out) for out in outputs], [symbols], [ca.SX(ca.DM(np.concatenate(values)))])
         return ca.Function("data", [theta], outputs)
 
+    def sweep(self, z: Any, entry: Any, columns: Any) -> tuple[Any, Any, Any]:
+        """The state behind the entry point, and those behind and before the end of every step."""
+        functions = self.problem.functions
+        start, _ = functions.start(z, entry)
+        return start, *functions.step.mapaccum("sweep", len(self.steps))(start, columns)
+
     def swept(self, z: Any, theta: Any) -> Swept:
         """States and residual at MX symbols."""
-        functions, tubes = self.problem.functions, self.problem.configuration.tube_count
+        functions = self.problem.functions
         columns, entry, slopes, energy, around, weights = self.data(theta)
-        start, _ = functions.start(z, entry)
-        after, before = functions.step.mapaccum("sweep", len(self.steps))(start, columns)
+        start, after, before = self.sweep(z, entry, columns)
         begins = ca.horzcat(start, after)
         positions = self.ends.tolist()
         local = {place: around[:, k] for k, place in enumerate(self.around)}
@@ -237,17 +251,10 @@ class Discretized:
             weights,
         )
 
-    @property
-    def state_size(self) -> int:
-        """Entries of a state."""
-        return State.size(self.problem.configuration.tube_count)
-
 
 def at_nominal(problem: ParametricProblem, keys: Sequence[Key], mesh: Array) -> list[Array]:
     """The fractions at which a mesh of the present configuration cuts the sections of an order."""
-    from .parametric_columns import fractions_of
-
     front = list(keys)[list(keys).index(ENTRY) :]
     nominal = problem.parametric.nominal
     slack = SLACK * problem.configuration.length
-    return [fractions_of(mesh, nominal[a], nominal[b], slack) for a, b in zip(front, front[1:], strict=False)]
+    return [fractions_of(mesh, nominal[a], nominal[b], slack) for a, b in pairwise(front)]
