@@ -26,7 +26,7 @@ class Differentiable:
     parameter (an advancing tube), ``-1`` that for a shrinking one. :attr:`kinks` tells which tubes stand so.
     """
 
-    def _solved(self) -> Solved:
+    def solved(self) -> Solved:
         """The equilibrium in numbers; raises ``SolveError`` where there is none."""
         raise NotImplementedError
 
@@ -52,7 +52,7 @@ class Differentiable:
         >>> shape.jacobian()[2].round(9).tolist()
         [0.0, 1.0]
         """
-        wanted = Output("tip_pose") if s is None else output(("pose", s), self._solved().configuration)
+        wanted = Output("tip_pose") if s is None else output(("pose", s), self.solved().configuration)
         return self._derivatives(wanted, self._actuation_parameters(), side).first
 
     def compliance(self, s: float | None = None, load_at: float | None = None, tube: int = 0) -> Array:
@@ -78,7 +78,7 @@ class Differentiable:
         >>> bool(abs(shape.compliance()[0, 0] - 0.1**3 / (3.0 * tube.bending_stiffness)) < 1e-12)
         True
         """
-        solved = self._solved()
+        solved = self.solved()
         own = solved.configuration
         carrier = index(tube, "tube", own.tube_count)
         at = None if load_at is None else place_of(load_at, carrier, own, "load_at")
@@ -131,7 +131,7 @@ class Differentiable:
         >>> shape.sensitivity("tip_position", "tubes[0].precurvature[0].curvature").shape
         (3, 3)
         """
-        solved = self._solved()
+        solved = self.solved()
         own = solved.configuration
         if order not in (1, 2):
             raise DefinitionError(f"order = {order!r} must be 1 or 2")
@@ -176,11 +176,21 @@ class Differentiable:
         >>> round(shape.actuator_wrench(0)[0], 9)
         0.5
         """
-        wanted = output(("actuator_wrench", tube), self._solved().configuration)
+        wanted = output(("actuator_wrench", tube), self.solved().configuration)
         moving = [each for each in self._actuation_parameters() if each.name == "translations"]
         assert wanted.tube is not None
-        force, torque = derivatives(self._solved(), wanted, moving, side=side, at=wanted.tube).value
+        force, torque = derivatives(self.solved(), wanted, moving, side=side, at=wanted.tube).value
         return float(force), float(torque)
+
+    @property
+    def unknowns(self) -> Array:
+        """Bending and torsional moments (N m) at the base and, where loads depend on the shape, their force (N).
+
+        In the order in which :meth:`ForwardProblem.function <ctr_opt.ForwardProblem.function>` takes and returns them.
+        """
+        solved = self.solved()
+        own = solved.configuration
+        return np.asarray(solved.z * own.scales.unknowns(own.tube_count, own.kind.live))
 
     @property
     def kinks(self) -> tuple[int, ...]:
@@ -189,7 +199,7 @@ class Differentiable:
         One of their break points coincides with the entry point, a load's, or another tube's, and something jumps
         there. A base at the entry point, where no tube can advance, is no kink.
         """
-        solved = self._solved()
+        solved = self.solved()
         moving = [each for each in self._actuation_parameters() if each.name == "translations"]
         suspects = kinked(solved, moving)
         if not suspects:
@@ -202,10 +212,10 @@ class Differentiable:
     # -- internals -------------------------------------------------------------------------------------------------
 
     def _actuation_parameters(self) -> list[Parameter]:
-        own = self._solved().configuration
+        own = self.solved().configuration
         return chosen(parameters(own.robot, own.actuation), ["rotations", "translations"])
 
     def _derivatives(self, wanted: Output, selected: list[Parameter], side: int, order: int = 1) -> Derivatives:
         if side not in (1, -1):
             raise DefinitionError(f"side = {side!r} must be 1 or -1")
-        return derivatives(self._solved(), wanted, selected, side=side, order=order)
+        return derivatives(self.solved(), wanted, selected, side=side, order=order)

@@ -382,11 +382,12 @@ class Equilibrium(Differentiable):
     def __repr__(self) -> str:
         return f"<Equilibrium: {self.status.description}, length {self.length:g} m, path {self.path!r}>"
 
-    # -- internals -----------------------------------------------------------------------------------------------
-
-    def _solved(self) -> Solved:
+    def solved(self) -> Solved:
+        """The solution in numbers, for code that works on this result."""
         own, shape = self._configuration, self.shape
         return Solved(own, self._base.unknowns(own.scales, own.kind.live), shape.mesh, shape.integrator)
+
+    # -- internals -----------------------------------------------------------------------------------------------
 
     def _tube(self, tube: int) -> int:
         return index(tube, "tube", self._configuration.tube_count)

@@ -165,7 +165,9 @@ class ParametricColumns:
         for j, slope in enumerate(density.slopes):
             weight = order.within(density.knots[j], density.knots[j + 1], section)
             if not (isinstance(weight, float) and weight == 0.0):
-                value += weight * (ca.repmat(density.rows[j], 1, nodes.shape[1]) + slope @ (nodes - density.arc_length[j]))
+                value += weight * (
+                    ca.repmat(density.rows[j], 1, nodes.shape[1]) + slope @ (nodes - density.arc_length[j])
+                )
         return value
 
 

@@ -182,9 +182,7 @@ class Discretized:
         self.kind = problem.configuration.kind
         data = ParametricColumns(problem.parametric, order, self.kind)
         self.steps = [
-            (section, float(low), float(high))
-            for section, cuts in enumerate(fractions)
-            for low, high in pairwise(cuts)
+            (section, float(low), float(high)) for section, cuts in enumerate(fractions) for low, high in pairwise(cuts)
         ]
         self.ends = np.cumsum([0, *(len(cuts) - 1 for cuts in fractions)])
         nodes = functions.integrator.nodes
