@@ -135,12 +135,11 @@ class Differentiable:
         own = solved.configuration
         if order not in (1, 2):
             raise DefinitionError(f"order = {order!r} must be 1 or 2")
-        several = not isinstance(wrt, str)
-        known = parameters(own.robot, own.actuation, own.loads)
-        selected = chosen(known, wrt if several else [wrt])
+        single = isinstance(wrt, str)
+        selected = chosen(parameters(own.robot, own.actuation, own.loads), [wrt] if isinstance(wrt, str) else wrt)
         wanted = output(of, own)
         found = self._derivatives(wanted, selected, side, order)
-        shape = (sum(parameter.size for parameter in selected),) if several else selected[0].value.shape
+        shape = selected[0].value.shape if single else (sum(parameter.size for parameter in selected),)
         if order == 1:
             return found.first.reshape(wanted.shape + shape)
         assert found.second is not None

@@ -80,8 +80,8 @@ class _Model:
         values, residual, margin = self.all(z, theta)
         norm = ca.norm_2(residual)  # not norm_inf, which passes over NaN
         good = ca.logic_and(norm <= _ACCEPTED, margin >= -_SLACK * self.problem.configuration.length)
-        outputs = [ca.if_else(good, ca.vertcat(values, z), np.nan), norm]
-        options = {
+        outputs: list[Any] = [ca.if_else(good, ca.vertcat(values, z), np.nan), norm]
+        options: dict[str, Any] = {
             "custom_jacobian": self._jacobian(int(outputs[0].shape[0])),
             "enable_forward": False,
             "enable_reverse": False,

@@ -39,12 +39,12 @@ class Solved:
 
 @attrs.frozen(eq=False)
 class Derivatives:
-    """An output's value, its derivatives ``(output, parameters)`` and, where asked for, the second ones."""
+    """An output's value; derivatives of it and of the dimensionless unknowns by the parameters; its second ones."""
 
     value: Array
     first: Array
+    unknowns: Array
     second: Array | None = None
-    unknowns: Array | None = None
 
 
 def derivatives(
@@ -75,7 +75,7 @@ def derivatives(
     first, unknowns = np.full((len(value.first), count), np.nan), np.full((len(solved.z), count), np.nan)
     for region, those in regions:
         first[:, those], unknowns[:, those] = region.first[:, those], region.unknowns[:, those]
-    return Derivatives(value.value, first, value.second, unknowns)
+    return Derivatives(value.value, first, unknowns, value.second)
 
 
 def kinked(solved: Solved, chosen: Sequence[Parameter]) -> list[int]:
@@ -141,4 +141,4 @@ def _inverse(jacobian: Array) -> Array:
             f"the equilibrium is singular (smallest singular value {values[-1]:.2g} of the shooting Jacobian): "
             "it stands at a fold or belongs to a family, and has no derivatives"
         )
-    return np.linalg.inv(jacobian)
+    return np.asarray(np.linalg.inv(jacobian))

@@ -52,26 +52,24 @@ def conservative(seed):
     return n, made, actuation, [*loads, *loads_for_all(n)[:3], riding, field, at]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_differences_of_the_potential_energy(seed):
+    """Along a random direction of the bases' motion."""
     n, made, actuation, loads = conservative(seed)
     problem = ctr.ForwardProblem(made, tolerance=TIGHT)
     solved = problem.solve(actuation, loads)
-    for i in range(n):
-        unit = np.eye(n)[i]
+    direction = np.random.default_rng(seed).uniform(0.5, 1.0, n) * [1.0, -1.0, 1.0][:n]
+    wrenches = np.array([solved.actuator_wrench(i) for i in range(n)])
 
-        def energy(x, turned, unit=unit):
-            other = ctr.Actuation(
-                actuation.rotations + turned * x * unit, actuation.translations + (not turned) * x * unit
-            )
-            return problem.solve(other, loads, initial=solved).potential_energy
+    def energy(pushed, turned):
+        other = ctr.Actuation(actuation.rotations + turned * direction, actuation.translations + pushed * direction)
+        return problem.solve(other, loads, initial=solved).potential_energy
 
-        force = central(lambda x: energy(x, False), FAR)
-        torque = central(lambda x: energy(x, True), TURN)
-        assert solved.actuator_wrench(i) == pytest.approx((force, torque), rel=1e-6, abs=1e-7)
+    force, torque = central(lambda x: energy(x, 0.0), FAR), central(lambda x: energy(0.0, x), TURN)
+    assert direction @ wrenches == pytest.approx((force, torque), rel=1e-6, abs=1e-7)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_virtual_work_of_any_loads(seed):
     """Elastic energy gained less the work of the dead loads where they act, by exact derivatives of both."""
     rng = np.random.default_rng(seed)

@@ -73,11 +73,13 @@ def given_order(points: Mapping[Key, Any], keys: list[Key]) -> Order:
 
 
 def sorted_order(points: Mapping[Key, Any], behind: Collection[Key]) -> Order:
-    """The order of the points by the values of their expressions; equal ones stay in the order they are given in.
+    """The order of the points by the values of their expressions.
 
-    Those of ``behind`` never come in front of the entry point.
+    Those of ``behind`` never come in front of the entry point. Of equal ones the tubes' own come last, so that no
+    section lies behind the robot's end.
     """
-    keys = [ENTRY, *(key for key in points if key != ENTRY and key not in behind)]
+    keys = [key for key in points if key != ENTRY and key not in behind]
+    keys = [ENTRY, *sorted(keys, key=lambda key: key[0] == "tube")]
     where = {key: ca.if_else(points[key] > 0, points[key], 0) for key in keys[1:]} | {ENTRY: ca.SX(0)}
     ranks: dict[Key, Any] = dict.fromkeys(behind, -1) | {ENTRY: 0}
     for j, b in enumerate(keys[1:], 1):

@@ -12,7 +12,6 @@ from .checks import number
 from .piecewise import PiecewisePolynomial
 from .precurvature import PrecurvaturePiece, as_pieces
 
-
 # What follows from diameters and moduli, of numbers and of symbols alike.
 
 
@@ -138,7 +137,7 @@ class Tube:
             return self.shear_modulus
         if self.poisson_ratio is None or self.youngs_modulus is None:
             return None
-        return shear_modulus(self.youngs_modulus, self.poisson_ratio)
+        return float(shear_modulus(self.youngs_modulus, self.poisson_ratio))
 
     @property
     def second_moment(self) -> float:

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..mechanics.loading import LoadKind
 from ..mechanics.ordering import Order
-from ..mechanics.parametric import Density, Parametric
+from ..mechanics.parametric import Parametric
+from ..mechanics.parametric_loads import Density
 from ..mechanics.so3 import quaternion_of_angles, quaternion_product
 from ..robot.checks import Array
 from .columns import EntryColumn, StepColumns
@@ -113,7 +114,7 @@ class ParametricColumns:
     def _distributed(self, section: int, nodes: Any) -> dict[str, Any]:
         """Loads per arc length at places in a section."""
         order, total = self.order, _Sums(self.parametric.tubes, nodes.shape[1])
-        for push in self.parametric.pushes:
+        for push in self.parametric.loads.pushes:
             weight = 0.0 if push.end is None else order.within(push.start, push.end, section)
             if isinstance(weight, float) and weight == 0.0:
                 continue
@@ -121,7 +122,7 @@ class ParametricColumns:
             total.add(push.tube, push.body, weight * force, weight * moment)
         fields = [
             (push.field, order.within(push.start, push.end, section) * push.factor)
-            for push in self.parametric.fields
+            for push in self.parametric.loads.fields
             if push.end is not None
         ]
         return self._named(total, nodes, fields, "")
@@ -129,11 +130,11 @@ class ParametricColumns:
     def _points(self, position: int, s: Any, *, active: bool) -> dict[str, Any]:
         """Point loads at a position."""
         total, order, fields = _Sums(self.parametric.tubes, 1), self.order, []
-        for push in self.parametric.pushes if active else ():
+        for push in self.parametric.loads.pushes if active else ():
             if push.end is None:
                 weight = order.at(push.start, position)
                 total.add(push.tube, push.body, weight * push.force, weight * push.moment)
-        for spring in self.parametric.fields if active else ():
+        for spring in self.parametric.loads.fields if active else ():
             if spring.end is None:
                 fields.append((spring.field, order.at(spring.start, position) * spring.factor))
         return self._named(total, ca.SX(s), fields, "point_")

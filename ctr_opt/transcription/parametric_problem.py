@@ -95,7 +95,7 @@ class ParametricProblem:
         """Whether break points that coincide are moved apart by a parameter."""
         velocities = self._velocities
         spreads = [np.ptp([velocities[key][column] for key in group]) for group in self._groups]
-        return max(map(float, spreads)) > _STILL
+        return float(max(spreads)) > _STILL
 
     def keys(self, column: int, sign: float) -> tuple[Key, ...]:
         """The order of the break points when a parameter grows (``sign = 1``) or shrinks a little."""
@@ -108,7 +108,14 @@ class ParametricProblem:
             return round(sign * float(velocities[key][column]) / _STILL), listed[key]
 
         bases = [key for key in listed if self._behind(key)]
-        return (*bases, *(key for group in self._groups for key in sorted(group, key=rank)))
+        ordered = [key for group in self._groups for key in sorted(group, key=rank)]
+        ends = [key for key in ordered if key in self._tube_ends]
+        ordered.remove(ends[-1])
+        return (*bases, *ordered, ends[-1])  # a load at the end of the longest tube never comes to lie beyond
+
+    @property
+    def _tube_ends(self) -> set[Key]:
+        return {self.parametric.tube_end(i) for i in range(self.parametric.tubes)}
 
     def given(self, keys: Sequence[Key]) -> Order:
         """That order."""
