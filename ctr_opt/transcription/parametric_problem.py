@@ -82,7 +82,7 @@ class ParametricProblem:
 
     @staticmethod
     def _behind(key: Key) -> bool:
-        return key[0] == "tube" and key[2] == 0
+        return bool(key[0] == "tube" and key[2] == 0)
 
     @cached_property
     def _velocities(self) -> dict[Key, Array]:
