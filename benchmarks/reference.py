@@ -8,8 +8,8 @@ neighbouring one or, from nothing, by continuation in precurvature and load from
 
 Written to be fast as such programs go: no dense output, constants of a section taken out of the right-hand side. It
 comes twice: as textbooks have it, the right-hand side ``printed`` in small matrices as in the paper and a fresh
-Jacobian in every iteration; and tuned, the right-hand side ``expanded`` by hand into scalars and one Jacobian for several
-iterations and steps of the continuation, as fast as we know how without a compiler.
+Jacobian in every iteration; and tuned, the right-hand side ``expanded`` by hand into scalars and one Jacobian for
+several iterations and steps of the continuation, as fast as we know how without a compiler.
 """
 
 from dataclasses import dataclass

@@ -6,13 +6,13 @@ import numpy as np
 
 import ctr_opt as ctr
 
-from .methods import INTEGRATION, LINEARIZATION, linearized, sweep
+from .methods import INTEGRATION, LINEARIZATION, REPEATS, native
 from .timing import fastest
 from .work import nested
 
 LOAD_POINTS = (0, 20, 60)  # on robots of every tube count: each is a section more
 MANY_LOAD_POINTS = (50, 100, 200, 400)  # on three tubes
-WAYS = {INTEGRATION: (sweep, 1), LINEARIZATION: (linearized, 2)}  # and the exponent of tubes allowed
+WAYS = {INTEGRATION: (False, 1), LINEARIZATION: (True, 2)}  # with the derivative; the exponent of tubes allowed
 
 
 def pulled(work, points):
@@ -22,12 +22,10 @@ def pulled(work, points):
     return [ctr.PointWrench(force / points, arc_length=float(s)) for s in places]
 
 
-def shooting(work, points):
-    """One step in each section; the unknowns of the robot without these loads are as good as any."""
-    configuration = Configuration(work.robot, work.actuation, pulled(work, points))
-    breaks = configuration.break_points
-    z = work.start.last_iterate.unknowns(work.start.configuration.scales, False)
-    return Shooting(configuration, np.column_stack((breaks[:-1], breaks[1:]))), z
+def solved(work, points):
+    """A problem and its solution by compiled code, a step in each section."""
+    problem = ctr.ForwardProblem(work.robot, compiled=True)
+    return problem, problem.solve(work.actuation, pulled(work, points))
 
 
 def exponents(columns, times):
@@ -40,17 +38,17 @@ def lines(effort, tubes):
     """What to print, for robots of so many ``tubes``."""
     works = [nested(count, "force", 0) for count in tubes]
     grid = list(product(works, LOAD_POINTS))
-    problems = [shooting(*each) for each in grid]
-    sections, counts = [len(problem.mesh) for problem, _ in problems], [work.tubes for work, _ in grid]
+    problems = [solved(*each) for each in grid]
+    sections, counts = [len(shape.shape.mesh) for _, shape in problems], [work.tubes for work, _ in grid]
     yield f"time as sections^a tubes^b, {len(works)} tube counts, {min(sections)} to {max(sections)} sections:"
-    for name, (way, most) in WAYS.items():
-        a, b = exponents((sections, counts), times(way, problems, effort))
+    for name, (derivative, most) in WAYS.items():
+        a, b = exponents((sections, counts), times(derivative, problems, effort))
         yield f"  {name}: a = {a:.2f} (linear: 1), b = {b:.2f} (at most {most})"
     work = nested(min(3, max(tubes)), "force", 0)
-    problems = [shooting(work, points) for points in MANY_LOAD_POINTS]
+    problems = [solved(work, points) for points in MANY_LOAD_POINTS]
     yield f"time as (load points)^c, {work.tubes} tubes, {MANY_LOAD_POINTS[0]} to {MANY_LOAD_POINTS[-1]} points:"
-    for name, (way, _) in WAYS.items():
-        (c,) = exponents((MANY_LOAD_POINTS,), times(way, problems, effort))
+    for name, (derivative, _) in WAYS.items():
+        (c,) = exponents((MANY_LOAD_POINTS,), times(derivative, problems, effort))
         yield f"  {name}: c = {c:.2f} (linear: 1)"
 
 

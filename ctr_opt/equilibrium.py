@@ -11,12 +11,14 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from .derivatives import Differentiable
 from .errors import DefinitionError, SolveError
 from .mechanics.sections import Configuration, Scales
 from .robot.actuation import Actuation
 from .robot.checks import Array, index
 from .robot.loads import Load
 from .robot.robot import Robot
+from .sensitivity import Solved
 from .solvers.status import SolveStatus
 from .transcription.shape import Shape, Values
 from .transcription.shooting import Shooting
@@ -92,7 +94,7 @@ class Outcome:
     jacobian: Array | None = None
 
 
-class Equilibrium:
+class Equilibrium(Differentiable):
     """A shape of the robot in equilibrium, or the record of a solve that found none.
 
     Where a value jumps it is the limit from the right; at a tube's end and at ``length``, from the left. A scalar
@@ -415,6 +417,11 @@ class Equilibrium:
 
     def __repr__(self) -> str:
         return f"<Equilibrium: {self.status.description}, length {self.length:g} m, path {self.path!r}>"
+
+    def solved(self) -> Solved:
+        """The solution in numbers, for code that works on this result."""
+        own, shape = self._configuration, self.shape
+        return Solved(own, self._base.unknowns(own.scales, own.kind.live), shape.mesh, shape.integrator)
 
     # -- internals -----------------------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from .batch import Batch, rows_of_actuations, rows_of_loads
@@ -12,6 +13,7 @@ from .compiled import CompiledProblem
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .errors import DefinitionError, SolveError
 from .libraries import library
+from .forward_map import forward_map
 from .mechanics.sections import Configuration
 from .robot.actuation import Actuation
 from .robot.checks import array, choice, flag, number
@@ -241,6 +243,66 @@ class ForwardProblem:
         if self.settings.formulation == "energy":
             _refuse_nonconservative(configuration)
         return configuration
+
+    def function(
+        self,
+        initial: Equilibrium,
+        wrt: Sequence[str] = ("rotations", "translations"),
+        *,
+        along: Any = (),
+        steps: int | None = None,
+    ) -> ca.Function:
+        """The solved forward problem as a differentiable function, to use inside a CasADi program of one's own.
+
+        Newton's method from ``initial`` (moments at the base), at whatever values its inputs have. Break points are
+        sorted inside, so that tubes may pass each other. First and second derivatives are exact, by the
+        implicit-function theorem; where break points coincide they are those of one of the orders next to it.
+
+        Parameters
+        ----------
+        initial
+            An equilibrium: its loads act, and what is no input keeps its value.
+        wrt
+            The names of parameters that become inputs, as in :meth:`Equilibrium.sensitivity`. Inputs are named with
+            underscores for what is no letter or digit: ``loads[0].force`` is ``loads_0_force``. Name only what you
+            need: second derivatives take the longer the more there are.
+        along
+            Arc lengths ``(k,)``, m, whose positions are wanted too; where the robot is shorter, that of its tip.
+        steps
+            Integration steps in each section between break points; default: the most that ``initial`` needed in one.
+
+        Returns
+        -------
+        casadi.Function
+            Inputs: the parameters in their order, and ``initial``: moments (N m), and force (N) under loads that depend
+            on the shape, to start from, :attr:`Equilibrium.unknowns`. Outputs: ``tip_position (3,)``, m;
+            ``tip_rotation (3, 3)``; ``positions (3, k)`` if any are wanted; ``unknowns``, to start the next solve from;
+            ``residual_norm``. Where Newton's method finds no root, a load would be beyond its tube's end, or a tube
+            drawn in or out too far, all but the last are NaN, so that IPOPT shortens its step. It can be pickled.
+
+        Raises
+        ------
+        DefinitionError
+            A name that is not there; a load given as a python function of ``s``, unless no break point moves.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> problem = ctr.ForwardProblem(ctr.Robot([tube]))
+        >>> shape = problem.solve(ctr.Actuation([0.0], [0.0]))
+        >>> forward = problem.function(shape)
+        >>> tip = forward(rotations=0.0, translations=0.0, initial=shape.unknowns)["tip_position"]
+        >>> bool(abs(float(tip[2]) - np.sin(1.0) / 10.0) < 1e-9)
+        True
+        """
+        if not isinstance(initial, Equilibrium) or initial.robot != self.robot:
+            raise DefinitionError(f"initial = {initial!r} must be an Equilibrium of this problem's robot")
+        if isinstance(wrt, str):
+            raise DefinitionError(f"wrt = {wrt!r} must be a list of names, like wrt=[{wrt!r}]")
+        if steps is not None and (not isinstance(steps, int) or steps < 1):
+            raise DefinitionError(f"steps = {steps!r} must be a whole number, at least 1")
+        return forward_map(initial.solved(), wrt, array(along if len(along) else np.zeros(0), "along", (None,)), steps)
 
     def guess(
         self,

@@ -49,7 +49,9 @@ def test_cold_answers_are_those_of_the_virtual_machine(tubes):
         used += by_compiled_code(a)
         np.testing.assert_allclose(a.tip_pose, b.tip_pose, atol=1e-8)
         assert a.discretization_error < 1e-9 * a.length
-        if np.array_equal(a.shape.mesh.shape, b.shape.mesh.shape) and np.allclose(a.shape.mesh, b.shape.mesh, atol=1e-12):
+        if np.array_equal(a.shape.mesh.shape, b.shape.mesh.shape) and np.allclose(
+            a.shape.mesh, b.shape.mesh, atol=1e-12
+        ):
             expected = pytest.approx(b.discretization_error, rel=0.2, abs=1e-11 * a.length)
             assert a.discretization_error == expected
         assert a.residual_norm < 1e-11

@@ -88,6 +88,10 @@ class Scales:
         """N."""
         return self.stiffness / self.length**2
 
+    def unknowns(self, tubes: int, live: bool) -> Array:
+        """Of moments at the entry point and, under ``live`` loads, the force there."""
+        return np.concatenate((np.full(2 + tubes, self.moment), np.full(3 if live else 0, self.force)))
+
 
 class Configuration:
     """A robot in one actuation under one set of loads, checked and sorted along the arc length."""

@@ -44,3 +44,15 @@ def turn_back(psi: SymT, x: SymT, y: SymT) -> tuple[SymT, SymT]:
     """``Rz(-psi) (x, y)``, by the same sine and cosine as :func:`turn`."""
     c, s = ca.cos(psi), ca.sin(psi)
     return c * x + s * y, c * y - s * x
+
+
+def quaternion_product(a: SymT, b: SymT) -> SymT:
+    """The quaternion of ``R(a) R(b)``."""
+    return ca.vertcat(a[0] * b[0] - ca.dot(a[1:], b[1:]), a[0] * b[1:] + b[0] * a[1:] + ca.cross(a[1:], b[1:]))
+
+
+def quaternion_of_angles(angles: SymT) -> SymT:
+    """The quaternion of ``Rx(angles_0) Ry(angles_1) Rz(angles_2)``."""
+    c, s = ca.cos(0.5 * angles), ca.sin(0.5 * angles)
+    x, y, z = (ca.vertcat(c[k], *(s[k] if j == k else 0 for j in range(3))) for k in range(3))
+    return quaternion_product(quaternion_product(x, y), z)

@@ -104,8 +104,7 @@ class PolynomialCurvature:
 
     def polynomial(self) -> PiecewisePolynomial:
         """``u*`` along the piece."""
-        powers = self.length ** np.arange(len(self.coefficients))
-        return _one_piece(self.length, self.coefficients / powers[:, None])
+        return _one_piece(self.length, np.array(along_arc_length(list(self.coefficients), self.length)))
 
 
 @attrs.frozen
@@ -156,6 +155,12 @@ class SampledCurvature:
         spline = CubicSpline(self.arc_length, self.curvature)
         return PiecewisePolynomial(np.asarray(spline.x, dtype=np.float64), np.asarray(spline.c[::-1], dtype=np.float64))
 
+    def basis(self) -> Array:
+        """The spline's coefficients ``(4, k - 1, k)`` for a unit value at each of the ``k`` samples: it is linear."""
+        from scipy.interpolate import CubicSpline
+
+        return np.asarray(CubicSpline(self.arc_length, np.eye(len(self.arc_length))).c[::-1], dtype=np.float64)
+
 
 PrecurvaturePiece: TypeAlias = Straight | Arc | PolynomialCurvature | SampledCurvature
 PIECES = (Straight, Arc, PolynomialCurvature, SampledCurvature)
@@ -171,6 +176,11 @@ def as_pieces(value: Any) -> tuple[PrecurvaturePiece, ...]:
             names = ", ".join(kind.__name__ for kind in PIECES)
             raise DefinitionError(f"precurvature[{k}] = {piece!r} must be one of {names}")
     return tuple(pieces)
+
+
+def along_arc_length(coefficients: list[Any], length: Any) -> list[Any]:
+    """Rows that multiply powers of ``q = sigma / length`` as rows that multiply powers of ``sigma``."""
+    return [row / length**k for k, row in enumerate(coefficients)]
 
 
 def _one_piece(length: float, coefficients: Array) -> PiecewisePolynomial:

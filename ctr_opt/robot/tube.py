@@ -12,6 +12,28 @@ from .checks import number
 from .piecewise import PiecewisePolynomial
 from .precurvature import PrecurvaturePiece, as_pieces
 
+# What follows from diameters and moduli, of numbers and of symbols alike.
+
+
+def second_moment(outer_diameter: Any, inner_diameter: Any) -> Any:
+    """``I = pi (D^4 - d^4) / 64``, m^4."""
+    return math.pi * (outer_diameter**4 - inner_diameter**4) / 64.0
+
+
+def cross_section(outer_diameter: Any, inner_diameter: Any) -> Any:
+    """``pi (D^2 - d^2) / 4``, m^2."""
+    return math.pi * (outer_diameter**2 - inner_diameter**2) / 4.0
+
+
+def shear_modulus(youngs_modulus: Any, poisson_ratio: Any) -> Any:
+    """``G = E / (2 (1 + nu))``, Pa."""
+    return youngs_modulus / (2.0 * (1.0 + poisson_ratio))
+
+
+def torsional_stiffness(shear: Any, moment_of_area: Any) -> Any:
+    """``GJ = 2 G I``, N m^2."""
+    return shear * 2.0 * moment_of_area
+
 
 def _positive_or_none(value: Any, field: str, unit: str) -> float | None:
     return None if value is None else number(value, field, above=0.0, unit=unit)
@@ -115,17 +137,17 @@ class Tube:
             return self.shear_modulus
         if self.poisson_ratio is None or self.youngs_modulus is None:
             return None
-        return self.youngs_modulus / (2.0 * (1.0 + self.poisson_ratio))
+        return float(shear_modulus(self.youngs_modulus, self.poisson_ratio))
 
     @property
     def second_moment(self) -> float:
         """Second moment of area ``I``, m^4."""
-        return math.pi * (self.outer_diameter**4 - self.inner_diameter**4) / 64.0
+        return float(second_moment(self.outer_diameter, self.inner_diameter))
 
     @property
     def mass_per_length(self) -> float:
         """``density pi (D^2 - d^2) / 4``, kg/m."""
-        return self.density * math.pi * (self.outer_diameter**2 - self.inner_diameter**2) / 4.0
+        return self.density * float(cross_section(self.outer_diameter, self.inner_diameter))
 
     @property
     def bending_stiffness(self) -> float:
@@ -142,7 +164,7 @@ class Tube:
             return self._torsional_stiffness
         shear = self._shear()
         assert shear is not None
-        return shear * 2.0 * self.second_moment
+        return float(torsional_stiffness(shear, self.second_moment))
 
     @property
     def length(self) -> float:

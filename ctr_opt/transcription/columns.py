@@ -16,7 +16,7 @@ import numpy as np
 from ..mechanics.boundary import Entry
 from ..mechanics.loading import DEAD, LoadKind
 from ..mechanics.rod import Local
-from ..mechanics.sections import Configuration
+from ..mechanics.sections import Configuration, Scales
 from ..mechanics.state import State, slices
 from ..robot.checks import Array
 from .load_columns import LoadColumns
@@ -59,11 +59,15 @@ class StepColumns:
         nodes = configuration.nodes(steps, fractions, middle, fields)
         places = steps[:, :1] + fractions * np.diff(steps)
         present = configuration.present(steps.mean(axis=1) if middle is None else middle)
+        own = {
+            "length": np.diff(steps),
+            "bending_stiffness": present * configuration.bending_stiffness,
+            "torsional_stiffness": configuration.torsional_stiffness,
+            "precurvature": nodes.precurvature.reshape(count, -1),
+        }
+        units = self.units(scales)
         data = {
-            "length": np.diff(steps) / scales.length,
-            "bending_stiffness": present * configuration.bending_stiffness / scales.stiffness,
-            "torsional_stiffness": configuration.torsional_stiffness / scales.stiffness,
-            "precurvature": nodes.precurvature.reshape(count, -1) * scales.length,
+            **{name: part * units[name] for name, part in own.items()},
             **self._inner.pack(nodes.loads, places, scales, scales.length),
             **self._point.pack(configuration.jumps(steps[:, 1], fields), steps[:, 1:], scales, 1.0),
         }
@@ -71,6 +75,13 @@ class StepColumns:
         for name, part in self.parts.items():
             columns[:, part] = data[name]
         return columns.T.copy()
+
+    def units(self, scales: Scales) -> dict[str, float]:
+        """By what the parts are multiplied to be dimensionless."""
+        length, stiffness = 1.0 / scales.length, 1.0 / scales.stiffness
+        own = {"bending_stiffness": stiffness, "torsional_stiffness": stiffness, "precurvature": scales.length}
+        loads = self._inner.units(scales, scales.length) | self._point.units(scales, 1.0)
+        return {"length": length, **own, **loads}
 
     def pad(self, columns: Array, count: int) -> Array:
         """``columns`` with steps of length zero appended up to ``count``, which change nothing."""
@@ -83,11 +94,11 @@ class StepColumns:
                 idle[part] = columns[part, -1:]
         return np.hstack((columns, idle))
 
-    def total_force(self, columns: Array, weights: Array) -> Array:
-        """Of all dead loads behind ``s = 0``, ``(3,)``; ``weights`` are the quadrature's of the nodes."""
-        density = columns[self.parts["force"]].reshape(-1, 3, columns.shape[1])
-        distributed = np.einsum("k,c,cxk->x", columns[0], weights, density)
-        return np.asarray(distributed + columns[self.parts["point_force"]].sum(axis=1))
+    def total_force(self, columns: Any, weights: Array) -> Any:
+        """Of all dead loads behind ``s = 0``, ``(3, 1)``; ``weights`` are the quadrature's of the nodes."""
+        start = self.parts["force"].start
+        density = sum(float(w) * columns[start + 3 * c : start + 3 * c + 3, :] for c, w in enumerate(weights))
+        return density @ columns[:1, :].T + columns[self.parts["point_force"], :] @ np.ones((columns.shape[1], 1))
 
     def local(self, column: Any, node: int, state: State[Any] | None = None) -> Local[Any]:
         """The data at a node, out of a symbolic column; with ``state``, the loads that depend on it included."""
@@ -157,19 +168,25 @@ class EntryColumn:
         """The column ``(size,)``; ``total_force`` is that of the dead loads behind ``s = 0``, dimensionless."""
         scales, pose, start = configuration.scales, configuration.robot.base_pose, np.zeros(1)
         point = self._point.pack(configuration.jumps(start, self.kind.fields), start[:, None], scales, 1.0)
+        units = self.units(scales)
         data = {
-            "position": pose[:3, 3] / scales.length,
+            "position": pose[:3, 3] * units["position"],
             "orientation": configuration.base_quaternion,
             "rotations": configuration.actuation.rotations,
             "twist": configuration.transmission_twist,
-            "compliance": configuration.transmission_compliance * scales.moment,
-            "force": total_force + point["point_force"][0],
+            "compliance": configuration.transmission_compliance * units["compliance"],
+            "force": total_force.ravel() + point["point_force"][0],
             **{name: part[0] for name, part in point.items()},
         }
         column = np.zeros(self.size)
         for name, part in self.parts.items():
             column[part] = data[name]
         return column
+
+    def units(self, scales: Scales) -> dict[str, float]:
+        """By what the parts are multiplied to be dimensionless; the total force is so already."""
+        own = {"position": 1.0 / scales.length, "orientation": 1.0, "rotations": 1.0, "twist": 1.0, "force": 1.0}
+        return {**own, "compliance": scales.moment, **self._point.units(scales, 1.0)}
 
     def entry(self, column: Any) -> Entry[Any]:
         """The entry point's data out of a symbolic column."""

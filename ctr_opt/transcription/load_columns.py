@@ -40,14 +40,20 @@ class LoadColumns:
 
     def pack(self, loads: LoadValues, places: Array, scales: Scales, length: float) -> dict[str, Array]:
         """The parts, ``(k, size)``, from loads at ``places (k, nodes)``; ``length`` turns densities into loads."""
-        count = len(places)
-        force, moment = length / scales.force, length / scales.moment
-        parts = {"force": loads.force * force, "moment": loads.moment * moment}
+        count, factors = len(places), self.units(scales, length)
+        parts = {"force": loads.force, "moment": loads.moment}
         if self.kind.body:
-            parts |= {"body_force": loads.body_force * force, "body_moment": loads.body_moment * moment}
+            parts |= {"body_force": loads.body_force, "body_moment": loads.body_moment}
         if self.kind.fields:
-            parts |= {"place": places, "unit": np.full((count, 1), scales.length), "field": loads.field * force}
-        return {self.prefix + name: part.reshape(count, -1) for name, part in parts.items()}
+            parts |= {"place": places, "unit": np.full((count, 1), scales.length), "field": loads.field}
+        named = {self.prefix + name: part for name, part in parts.items()}
+        return {name: part.reshape(count, -1) * factors[name] for name, part in named.items()}
+
+    def units(self, scales: Scales, length: float) -> dict[str, float]:
+        """By what the parts are multiplied to be dimensionless."""
+        force, moment = length / scales.force, length / scales.moment
+        of = {"force": force, "moment": moment, "body_force": force, "body_moment": moment, "field": force}
+        return {self.prefix + name: factor for name, factor in (of | {"place": 1.0, "unit": 1.0}).items()}
 
     def _part(self, column: Any, parts: dict[str, slice], name: str, width: int, node: int) -> Any:
         start = parts[self.prefix + name].start + width * node

@@ -1,0 +1,90 @@
+"""The order of break points along the arc length: which of them have been passed where.
+
+A section lies between two positions of the order, and may have no length. With a given order the answers are numbers;
+sorted by expressions they are symbols, zero or one, and the order is then part of the function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, TypeAlias
+
+import attrs
+import casadi as ca
+
+Key: TypeAlias = tuple[Any, ...]
+"""What a break point belongs to: ``("tube", i, j)``, the end of its piece ``j``; ``("load", k, field)``; and so on."""
+
+ENTRY: Key = ("entry",)
+"""The break point ``s = 0``."""
+
+
+PASSED: Key = ("passed",)
+AHEAD: Key = ("ahead",)
+"""Break points that lie before all others and behind them, wherever these are."""
+
+
+@attrs.frozen(eq=False)
+class Order:
+    """Break points in their order.
+
+    Attributes
+    ----------
+    places
+        ``s`` of the positions, the first of them 0, the last one the length.
+    ranks
+        The position of every break point; negative (or the first) behind the entry point.
+    behind
+        ``s`` of a break point as far as it is behind the entry point, zero in front of it.
+    """
+
+    places: list[Any]
+    ranks: Mapping[Key, Any]
+    behind: Mapping[Key, Any]
+
+    @property
+    def sections(self) -> int:
+        """How many sections there are."""
+        return len(self.places) - 1
+
+    def passed(self, key: Key, position: int) -> Any:
+        """One if the break point is at the position or before it."""
+        if key in (PASSED, AHEAD):
+            return float(key == PASSED)
+        rank = self.ranks[key]
+        return float(rank <= position) if isinstance(rank, int) else rank <= position
+
+    def at(self, key: Key, position: int) -> Any:
+        """One if the break point is the one of the position."""
+        rank = self.ranks[key]
+        return float(rank == position) if isinstance(rank, int) else rank == position
+
+    def within(self, start: Key, end: Key, section: int) -> Any:
+        """One if the section lies between two break points."""
+        return self.passed(start, section) * (1.0 - self.passed(end, section))
+
+
+def given_order(points: Mapping[Key, Any], keys: list[Key]) -> Order:
+    """The order of ``keys``, those before the entry point behind it."""
+    front = keys[keys.index(ENTRY) :]
+    ranks = {key: front.index(key) if key in front else -1 for key in keys}
+    places = [0.0, *(points[key] for key in front[1:])]
+    return Order(places, ranks, {key: points[key] if rank < 0 else 0.0 for key, rank in ranks.items()})
+
+
+def sorted_order(points: Mapping[Key, Any], behind: Collection[Key]) -> Order:
+    """The order of the points by the values of their expressions.
+
+    Those of ``behind`` never come in front of the entry point. Of equal ones the tubes' own come last, so that no
+    section lies behind the robot's end.
+    """
+    keys = [key for key in points if key != ENTRY and key not in behind]
+    keys = [ENTRY, *sorted(keys, key=lambda key: key[0] == "tube")]
+    where = {key: ca.if_else(points[key] > 0, points[key], 0) for key in keys[1:]} | {ENTRY: ca.SX(0)}
+    ranks: dict[Key, Any] = dict.fromkeys(behind, -1) | {ENTRY: 0}
+    for j, b in enumerate(keys[1:], 1):
+        earlier = [where[a] <= where[b] for a in keys[:j]]
+        ranks[b] = sum([*earlier, *(where[a] < where[b] for a in keys[j + 1 :])], ca.SX(0))
+    places: list[Any] = [0.0]
+    places += [sum(((ranks[key] == k) * where[key] for key in keys[1:]), ca.SX(0)) for k in range(1, len(keys))]
+    return Order(places, ranks, {key: points[key] - where.get(key, 0.0) for key in points})

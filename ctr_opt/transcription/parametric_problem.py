@@ -1,0 +1,265 @@
+"""The boundary-value problem and what comes out of it as CasADi functions of the unknowns and of parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from ..errors import DefinitionError
+from ..mechanics.ordering import ENTRY, Key, Order, given_order, sorted_order
+from ..mechanics.parametric import Parametric
+from ..mechanics.resolution import called
+from ..mechanics.sections import Configuration
+from ..robot.checks import Array
+from ..robot.parameters import Parameter
+from .parametric_columns import ParametricColumns, fractions_of
+from .shooting import ShootingFunctions, shooting_functions
+
+PROBE: Key = ("probe", 0)
+SLACK = 1e-12  # of the length: closer break points are one point, as in ``Configuration``
+_STILL = 1e-9  # m per unit of a parameter: break points that move less relative to each other stay together
+
+
+class ParametricProblem:
+    """A configuration with chosen parameters as symbols.
+
+    ``probes`` are arc lengths at which values are wanted, ``from_left`` before anything that acts or ends there.
+    """
+
+    def __init__(
+        self,
+        configuration: Configuration,
+        chosen: Sequence[Parameter],
+        integrator: str,
+        probes: Sequence[float] = (),
+        *,
+        from_left: bool = False,
+        clip: bool = False,
+    ) -> None:
+        self.configuration = configuration
+        self.chosen = list(chosen)
+        self.integrator = integrator
+        self.from_left = from_left
+        self.theta = ca.SX.sym("theta", sum(parameter.size for parameter in self.chosen))
+        ends = np.cumsum([parameter.size for parameter in self.chosen]).astype(int)
+        self.parts = {
+            each.name: slice(int(end) - each.size, int(end)) for each, end in zip(self.chosen, ends, strict=True)
+        }
+        values = {name: self.theta[part] for name, part in self.parts.items()}
+        self.parametric = Parametric(configuration, values, probes, clip)
+
+    @property
+    def nominal(self) -> Array:
+        """The present values of the parameters, one behind the other."""
+        return np.concatenate([np.zeros(0), *(parameter.value.ravel() for parameter in self.chosen)])
+
+    @property
+    def functions(self) -> ShootingFunctions:
+        """The symbolic step, which is shared."""
+        return shooting_functions(self.configuration.tube_count, self.integrator, self.configuration.kind)
+
+    # -- the order of break points ---------------------------------------------------------------------------------
+
+    @cached_property
+    def _groups(self) -> list[list[Key]]:
+        """Break points in groups that coincide."""
+        nominal = self.parametric.nominal
+        keys = sorted((key for key in nominal if not self._behind(key)), key=lambda key: nominal[key])
+        groups: list[list[Key]] = []
+        slack = SLACK * self.configuration.length
+        for key in keys:
+            if groups and nominal[key] - nominal[groups[-1][-1]] <= slack:
+                groups[-1].append(key)
+            else:
+                groups.append([key])
+        return groups
+
+    @staticmethod
+    def _behind(key: Key) -> bool:
+        return bool(key[0] == "tube" and key[2] == 0)
+
+    @cached_property
+    def _velocities(self) -> dict[Key, Array]:
+        """How far each break point moves by each parameter."""
+        points = ca.vertcat(*(ca.SX(value) for value in self.parametric.points.values()))
+        slopes = ca.Function("slopes", [self.theta], [ca.jacobian(points, self.theta)])(self.nominal).full()
+        return dict(zip(self.parametric.points, slopes, strict=True))
+
+    def kinked(self, column: int) -> bool:
+        """Whether break points that coincide are moved apart by a parameter."""
+        velocities = self._velocities
+        spreads = [np.ptp([velocities[key][column] for key in group]) for group in self._groups]
+        return float(max(spreads)) > _STILL
+
+    def keys(self, column: int, sign: float) -> tuple[Key, ...]:
+        """The order of the break points when a parameter grows (``sign = 1``) or shrinks a little."""
+        listed = {key: k for k, key in enumerate(self.parametric.points)}
+        velocities = self._velocities
+
+        def rank(key: Key) -> tuple[float, int]:
+            if key == PROBE and self.from_left:
+                return -np.inf, 0
+            return round(sign * float(velocities[key][column]) / _STILL), listed[key]
+
+        bases = [key for key in listed if self._behind(key)]
+        ordered = [key for group in self._groups for key in sorted(group, key=rank)]
+        ends = [key for key in ordered if key in self._tube_ends]
+        ordered.remove(ends[-1])
+        return (*bases, *ordered, ends[-1])  # a load at the end of the longest tube never comes to lie beyond
+
+    @property
+    def _tube_ends(self) -> set[Key]:
+        return {self.parametric.tube_end(i) for i in range(self.parametric.tubes)}
+
+    def given(self, keys: Sequence[Key]) -> Order:
+        """That order."""
+        return given_order(self.parametric.points, list(keys))
+
+    def sorted(self) -> Order:
+        """The order by the values of the parameters, as part of the function."""
+        points = self.parametric.points
+        return sorted_order(points, [key for key in points if self._behind(key)])
+
+    def together(self, a: Key, b: Key) -> bool:
+        """Whether two break points coincide and stay together."""
+        velocities, coincide = self._velocities, any(a in group and b in group for group in self._groups)
+        return coincide and bool(np.all(np.abs(velocities[a] - velocities[b]) <= _STILL))
+
+    def behind_entry(self, i: int, order: Order) -> ca.Function:
+        """``(theta, tau_i(0)) -> `` the Hamiltonian of a tube right behind the entry point, where it is held straight.
+
+        What the actuator does on the whole part behind, as the sum over its break points telescopes.
+        """
+        torque, tube = ca.SX.sym("torque"), self.parametric
+        bending, torsional = tube.bending_stiffness[i], tube.torsional_stiffness[i]
+        key = max((key for key, rank in order.ranks.items() if key[:2] == ("tube", i) and rank < 0), key=lambda k: k[2])
+        preset = ca.SX.zeros(3)
+        for d, row in enumerate(tube.shapes[i][key[2]][1]):
+            preset += row * (0.0 - tube.points[key]) ** d
+        force = 0.5 * torque**2 / torsional + torque * preset[2] - 0.5 * bending * ca.sumsqr(preset[:2])
+        return ca.Function("behind", [self.theta, torque], [force])
+
+
+@attrs.frozen(eq=False)
+class Swept:
+    """The problem on a mesh in one order, at symbols ``z`` and ``theta``: states at the positions, and the residual.
+
+    ``right (size, positions)`` are the states behind the positions, ``left`` those before them, from the second on;
+    ``weights (positions, probes)`` are one where a probe stands.
+    """
+
+    z: Any
+    theta: Any
+    right: Any
+    left: Any
+    residual: Any
+    columns: Any
+    slopes: Any
+    begins: Any
+    entry: Any
+    straightening_energy: Any
+    locals: dict[tuple[int, int], Any]
+    weights: Any
+
+
+class Discretized:
+    """A parametric problem on a mesh: every section cut at ``fractions[section]``.
+
+    ``around``: the positions (and side, 0 left or 1 right) at which the data of the equations are wanted.
+    """
+
+    def __init__(
+        self,
+        problem: ParametricProblem,
+        order: Order,
+        fractions: Sequence[Array],
+        around: Sequence[tuple[int, int]] = (),
+        *,
+        integrals: bool = False,
+    ) -> None:
+        self.problem = problem
+        self.order = order
+        functions = problem.functions
+        self.kind = problem.configuration.kind
+        data = ParametricColumns(problem.parametric, order, self.kind)
+        self.steps = [
+            (section, float(low), float(high)) for section, cuts in enumerate(fractions) for low, high in pairwise(cuts)
+        ]
+        self.ends = np.cumsum([0, *(len(cuts) - 1 for cuts in fractions)])
+        nodes = functions.integrator.nodes
+        columns = ca.horzcat(*(data.step(*step, nodes) for step in self.steps))
+        self.around = list(around)
+        total = functions.columns.total_force(columns, functions.integrator.weights)
+        slopes = ca.horzcat(*(data.slopes(*step, nodes) for step in self.steps)) if integrals else ca.SX(0, 1)
+        local = [self._local(data, *place) for place in self.around]
+        probes = [key for key in order.ranks if key[0] == "probe"]
+        weights = [ca.vertcat(*(order.at(key, k) for k in range(order.sections + 1))) for key in probes]
+        energy = data.straightening_energy if integrals else ca.SX(0)
+        outputs = [columns, data.entry(total), slopes, energy, ca.horzcat(*local)]
+        self.data = self._function(data, [*outputs, ca.horzcat(*weights)])
+
+    @staticmethod
+    def _local(data: ParametricColumns, position: int, side: int) -> Any:
+        section, fraction = (position, 0.0) if side else (position - 1, 1.0)
+        return data.step(section, fraction, fraction, np.zeros(1), jump=False)
+
+    def _function(self, data: ParametricColumns, outputs: list[Any]) -> ca.Function:
+        """The data as a function of the parameters, loads given as functions at their present values."""
+        theta, samples = self.problem.theta, data.samples
+        if samples:
+            places = ca.vertcat(*(sample.places.T for sample in samples))
+            moved = ca.Function("places", [theta], [places, ca.densify(ca.jacobian(places, theta))])
+            at, slopes = (value.full() for value in moved(self.problem.nominal))
+            if np.any(np.abs(slopes) > _STILL):
+                raise DefinitionError(
+                    "a load is given as a function of s, whose derivative by s is needed here as break points move "
+                    "within it, but is not known: give it as a table, (s, values), or as an ExpressionLoad"
+                )
+            functions = [sample.function for sample in samples for _ in range(sample.places.numel())]
+            values = [called(function, float(s), "load") for function, s in zip(functions, at[:, 0], strict=True)]
+            symbols = ca.vertcat(*(ca.vec(sample.value) for sample in samples))
+            outputs = ca.substitute([ca.SX(out) for out in outputs], [symbols], [ca.SX(ca.DM(np.concatenate(values)))])
+        return ca.Function("data", [theta], outputs)
+
+    def sweep(self, z: Any, entry: Any, columns: Any) -> tuple[Any, Any, Any]:
+        """The state behind the entry point, and those behind and before the end of every step."""
+        functions = self.problem.functions
+        start, _ = functions.start(z, entry)
+        return start, *functions.step.mapaccum("sweep", len(self.steps))(start, columns)
+
+    def swept(self, z: Any, theta: Any) -> Swept:
+        """States and residual at MX symbols."""
+        functions = self.problem.functions
+        columns, entry, slopes, energy, around, weights = self.data(theta)
+        start, after, before = self.sweep(z, entry, columns)
+        begins = ca.horzcat(start, after)
+        positions = self.ends.tolist()
+        local = {place: around[:, k] for k, place in enumerate(self.around)}
+        return Swept(
+            z,
+            theta,
+            begins[:, positions],
+            before[:, [end - 1 for end in positions[1:]]],
+            begins[functions.tip_rows, len(self.steps)],
+            columns,
+            slopes,
+            begins[:, : len(self.steps)],
+            entry,
+            energy,
+            local,
+            weights,
+        )
+
+
+def at_nominal(problem: ParametricProblem, keys: Sequence[Key], mesh: Array) -> list[Array]:
+    """The fractions at which a mesh of the present configuration cuts the sections of an order."""
+    front = list(keys)[list(keys).index(ENTRY) :]
+    nominal = problem.parametric.nominal
+    slack = SLACK * problem.configuration.length
+    return [fractions_of(mesh, nominal[a], nominal[b], slack) for a, b in pairwise(front)]
