@@ -12,8 +12,8 @@ from .batch import Batch, rows_of_actuations, rows_of_loads
 from .compiled import CompiledProblem
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .errors import DefinitionError, SolveError
-from .libraries import library
 from .forward_map import forward_map
+from .libraries import library
 from .mechanics.sections import Configuration
 from .robot.actuation import Actuation
 from .robot.checks import array, choice, flag, number
