@@ -1,7 +1,7 @@
 """Tests run in parallel processes: let none of them start threads of its own for linear algebra.
 
-Nor does any compile in the background, so that every run goes the same way: tests of compiled code ask for it. Libraries
-are kept beside pytest's own cache.
+Nor does any compile in the background, so that every run goes the same way: tests of compiled code ask for it.
+Libraries are kept beside pytest's own cache.
 """
 
 import os

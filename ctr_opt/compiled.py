@@ -13,7 +13,7 @@ import numpy as np
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .mechanics.sections import Configuration
 from .robot.actuation import Actuation
-from .robot.checks import Array
+from .robot.checks import Array, index
 from .robot.loads import Load
 from .robot.robot import Robot
 from .settings import Settings
@@ -69,7 +69,7 @@ class CompiledProblem:
     def _start(self, initial: Equilibrium) -> int | None:
         """Address of the numbers that a solve starts from; None where it cannot start from this equilibrium."""
         if isinstance(initial, CompiledEquilibrium):
-            return initial.start if initial.unknowns == self.native.unknowns else None
+            return initial.start if initial.sizes[2] == self.native.unknowns else None
         jacobian = initial.shooting_jacobian
         if jacobian is None or len(jacobian) != self.native.unknowns:
             return None
@@ -169,8 +169,9 @@ class CompiledEquilibrium(Equilibrium):
         self._robot, self._actuation, self._loads = problem.robot, actuation, loads
         self._numbers = numbers
         self._time = solve_time
-        self._sizes = (native.header, native.start, native.unknowns, native.states)
+        self.sizes = (native.header, native.start, native.unknowns, native.states)
         self._last = None
+        self._rates: dict[int, tuple[Array, Array] | None] = {}
         self.start = address + 8 * native.header
 
     def __getstate__(self) -> dict[str, Any]:
@@ -178,12 +179,7 @@ class CompiledEquilibrium(Equilibrium):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self.start = self._numbers.ctypes.data + 8 * self._sizes[0]
-
-    @property
-    def unknowns(self) -> int:
-        """How many numbers at the entry point were unknown."""
-        return self._sizes[2]
+        self.start = self._numbers.ctypes.data + 8 * self.sizes[0]
 
     @property
     def robot(self) -> Robot:
@@ -218,12 +214,12 @@ class CompiledEquilibrium(Equilibrium):
 
     @property
     def _block(self) -> Array:
-        header, start, _, _ = self._sizes
+        header, start, _, _ = self.sizes
         return self._numbers[header : header + start]
 
     @cached_property
     def _base(self) -> BaseMoments:  # type: ignore[override]
-        unknowns = self._sizes[2]
+        unknowns = self.sizes[2]
         return BaseMoments.of(self._block[:unknowns], self._configuration.scales, len(self.robot.tubes))
 
     @cached_property
@@ -253,11 +249,31 @@ class CompiledEquilibrium(Equilibrium):
 
     @cached_property
     def _solved_shape(self) -> Shape:  # type: ignore[override]
-        header, start, _, states = self._sizes
+        header, start, _, states = self.sizes
         steps = int(self._numbers[Native.STEPS])
         blocks = np.split(self._numbers[header + start :], np.cumsum((2 * steps, states * (steps + 1), states * steps)))
         right, left = (block.reshape(-1, states).T for block in blocks[1:3])
         return Shape(self._configuration, blocks[0].reshape(steps, 2), Nodes(right[:, :steps], left, right[:, steps]))
+
+    def jacobian(self, s: float | None = None, side: int = 1) -> Array:
+        """Derivative of the pose by actuation: see :meth:`Differentiable.jacobian`."""
+        tip = self.length if s is None and side in (1, -1) else np.inf
+        innermost = [
+            i for i, tube in enumerate(self.robot.tubes) if tube.length + self.actuation.translations[i] >= tip
+        ]
+        found = self._tip_rates(innermost[0]) if innermost else None
+        return super().jacobian(s, side) if found is None else found[0]
+
+    def compliance(self, s: float | None = None, load_at: float | None = None, tube: int = 0) -> Array:
+        """Derivative of the pose by a wrench: see :meth:`Differentiable.compliance`."""
+        found = self._tip_rates(index(tube, "tube", len(self.robot.tubes))) if s is load_at is None else None
+        return super().compliance(s, load_at, tube) if found is None else found[1]
+
+    def _tip_rates(self, tube: int) -> tuple[Array, Array] | None:
+        """Both at the tip, where this tube ends there; None where the slower way must be taken."""
+        if tube not in self._rates:
+            self._rates[tube] = None if self._problem is None else self._problem.derive(self, tube)
+        return self._rates[tube]
 
     @cached_property
     def _second_variation(self) -> SecondVariation | None:
@@ -269,7 +285,7 @@ class CompiledEquilibrium(Equilibrium):
     @cached_property
     def tip_position(self) -> Array:
         """Position at ``s = length``, m, world frame."""
-        header, start, _, states = self._sizes
+        header, start, _, states = self.sizes
         steps = int(self._numbers[Native.STEPS])
         first = header + start + 2 * steps + states * steps
         return self._numbers[first : first + 3] * self.length

@@ -35,7 +35,8 @@ class ForwardProblem:
     robot
         The robot.
     formulation
-        ``"automatic"``: homotopy from the straight robot and, where its path ends, minimum energy;
+        ``"automatic"``: homotopy from the straight robot and, where its path ends or leads to an unstable equilibrium,
+        minimum energy;
         ``"equilibrium"``: the Cosserat equations alone; ``"energy"``: minimum potential energy by IPOPT, which yields
         a stable shape and takes conservative loads only.
     method

@@ -41,7 +41,7 @@ class Settings:
 
     @property
     def compiled_residual(self) -> float:
-        """The same for compiled solves, whose last step usually ends far below: a hundredth of the tolerance at most."""
+        """The same for compiled solves, whose last step ends far below: at most a hundredth of the tolerance."""
         return min(1e-9, max(1e-12, 1e-2 * self.tolerance))
 
     @property

@@ -3,6 +3,7 @@
 import pickle
 import threading
 
+import attrs
 import numpy as np
 import pytest
 from physics import held, random_problem, random_robot, rod, tube
@@ -91,8 +92,7 @@ def test_states_along_the_backbone_are_those_of_the_virtual_machine():
 def test_body_loads_and_weights(tubes):
     rng = np.random.default_rng(300 + tubes)
     robot = random_robot(rng, tubes)
-    heavy = robot_of(*[ctr.Tube(f"t{i}", t.outer_diameter, t.inner_diameter, t.precurvature, density=6450.0,
-                                youngs_modulus=60e9, poisson_ratio=0.3) for i, t in enumerate(robot.tubes)])  # fmt: skip
+    heavy = robot_of(*[attrs.evolve(each, density=6450.0) for each in robot.tubes])
     actuation = ctr.Actuation(rng.uniform(-2, 2, tubes), [-0.4 * t.length for t in robot.tubes])
     follower = [ctr.PointWrench([0.05, 0.02, -0.01], [0.0, 1e-3, 2e-3], frame="body"),
                 ctr.DistributedLoad([0.1, 0.0, 0.0], [0.0, 0.0, 1e-3], frame="body", start=0.002)]  # fmt: skip
@@ -114,7 +114,7 @@ def test_a_warm_solve_continues_the_branch():
     compiled, machine = both(given.robot)
     a, b = compiled.solve(given.actuation), machine.solve(given.actuation)
     for angle in np.linspace(0.0, 1.0, 60):
-        actuation = ctr.Actuation(given.actuation.rotations + [0.0, angle, 0.0], given.actuation.translations)
+        actuation = ctr.Actuation(given.actuation.rotations + np.array([0.0, angle, 0.0]), given.actuation.translations)
         a = compiled.solve(actuation, initial=a, throw=False)
         b = machine.solve(actuation, initial=b, throw=False)
         assert a.status is b.status

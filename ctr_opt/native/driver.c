@@ -224,8 +224,8 @@ static void pose_rates(const double *x, const double *along, int width, int tube
   }
 }
 
-/* Pose rates of the tip (position, world turn): with rotations and translations (6 x 2 TUBES), and with a force and a
-   moment in the world at the tip of `tube` (6 x 6). SI. */
+/* Pose rates of the tip of a tube (position, world turn): with rotations and translations (6 x 2 TUBES), and with a
+   force and a moment in the world there (6 x 6). SI. */
 EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
                   int tube, double *jacobian, double *compliance) {
   enum { WIDTH = PADDED(EVERY) };
@@ -238,9 +238,7 @@ EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuatio
   double along[NX * WIDTH], rates_[6 * WIDTH], tip[NZ * NZ], right[NZ * WIDTH];
   Swept swept = {.along = along};
   sweep_along(&c, z, &swept, WIDTH, EVERY);
-  int innermost = 0;
-  while (layout.ends[innermost] < layout.length) innermost++;
-  pose_rates(swept.x, along, WIDTH, innermost, rates_);
+  pose_rates(swept.x, along, WIDTH, tube, rates_);
   /* Right-hand sides: what the tip conditions change by with angles, turns, forces, translations; then unit moments. */
   enum { OTHERS = EVERY - NZ, MOMENTS = 3 };
   double change[NZ * (OTHERS + MOMENTS)];

@@ -51,11 +51,12 @@ def runge_kutta(name: str = "RK8") -> RungeKutta:
     """``"RK4"`` (classical), ``"RK5"`` (Dormand-Prince) or ``"RK8"`` (the propagating formula of DOP853)."""
     if name == "RK4":
         matrix = np.array([[0, 0, 0, 0], [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1, 0]], dtype=float)
-        return RungeKutta(name, 4, matrix, np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1]), *np.zeros((2, 4)))
+        none = np.zeros(4)
+        return RungeKutta(name, 4, matrix, np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1]), none, none)
     from scipy.integrate import DOP853, RK45
 
     if name == "RK5":
         none = np.zeros(6)
         return RungeKutta(name, 5, np.asarray(RK45.A), np.asarray(RK45.B), np.asarray(RK45.C), none, none)
-    tableau = (np.asarray(part) for part in (DOP853.A, DOP853.B, DOP853.C))
-    return RungeKutta(name, 8, *tableau, np.asarray(DOP853.E5[:-1]), np.asarray(DOP853.E3[:-1]))
+    a, b, c, e5, e3 = (np.asarray(part) for part in (DOP853.A, DOP853.B, DOP853.C, DOP853.E5[:-1], DOP853.E3[:-1]))
+    return RungeKutta(name, 8, a, b, c, e5, e3)

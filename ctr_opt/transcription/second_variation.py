@@ -7,7 +7,7 @@ lies behind a place answers a variation there with the momenta ``-W q``, ``W = 0
 beginning has the compliance ``F``. Then the second variation has as many negative directions at the step's end as
 ``1 + F W`` has negative eigenvalues, and ``T`` carries ``W`` on to the step's beginning. The sum over all steps and the
 transmissions is the number of negative directions of the whole, each with its multiplicity, as the inertia of a
-symmetric matrix is that of its pivots (Sylvester, block by block). No step is integrated against its growth.
+symmetric matrix is that of its pivots (Sylvester, Haynsworth). No step is integrated against its growth.
 """
 
 from __future__ import annotations
@@ -45,14 +45,30 @@ class SecondVariationFunctions:
         self.transfer = self._transfer()
         self.eliminate = self._eliminate()
         self.entry = self._entry()
-        self._maps: dict[int, tuple[ca.Function, ca.Function]] = {}
+        self._counts: dict[int, ca.Function] = {}
 
-    def maps(self, count: int) -> tuple[ca.Function, ca.Function]:
-        """``transfer`` and ``eliminate`` over so many steps, the latter from the last one back."""
-        if count not in self._maps:
-            backward = self.eliminate.mapaccum("second_variation", count)
-            self._maps[count] = self.transfer.map(count), backward
-        return self._maps[count]
+    def count(self, steps: int) -> ca.Function:
+        """``(states, columns, compliance, least) -> (negative, not_positive, doubtful, margin)`` over so many steps.
+
+        How many eigenvalues of (second variation, elastic part) are below ``-margin`` and below ``margin``, which is
+        ``least`` or the largest defect of a step; ``doubtful (1, steps)`` is not zero where a step must be cut.
+        """
+        if steps not in self._counts:
+            states = ca.MX.sym("states", State.size(self.tubes), steps)
+            columns = ca.MX.sym("columns", self.shooting.columns.size, steps)
+            compliance, least = ca.MX.sym("compliance", self.tubes), ca.MX.sym("least")
+            *data, doubtful, defect = self.transfer.map(steps)(states, columns)
+            margin = ca.fmax(least, ca.mmax(defect))
+            data = [_backward(each, steps) for each in data]
+            eliminate, counts = self.eliminate.mapaccum("eliminate_all", steps), []
+            for shift in (-margin, margin):
+                w, negative, lost = eliminate(ca.MX(self.size, self.size), *data, ca.repmat(shift, 1, steps))
+                counts.append(ca.sum2(negative) + self.entry(w[:, -self.size :], compliance, shift))
+                doubtful += _backward(lost, steps)
+            given, names = [states, columns, compliance, least], ["states", "columns", "compliance", "least"]
+            told = ["negative", "not_positive", "doubtful", "margin"]
+            self._counts[steps] = ca.Function("second_variation", given, [*counts, doubtful, margin], names, told)
+        return self._counts[steps]
 
     # -- symplectic coordinates ------------------------------------------------------------------------------------
 
@@ -119,7 +135,9 @@ class SecondVariationFunctions:
         unit = ca.sqrt(ca.if_else(data[0] == 0, 1, flexible))
         own = _sized(transfer, unit)
         _, b, _, d = (block[: self.bent, : self.bent] for block in quarters(own))
-        doubtful = ca.if_else(data[0] == 0, 0, _irregular(b) + _irregular(d))
+        bends = data[layout.parts["bending_stiffness"]] > 0  # past its end a tube follows, and only its torsion resists
+        counts = ca.vertcat(ca.SX.ones(2), ca.if_else(bends, 1, 0))
+        doubtful = ca.if_else(data[0] == 0, 0, _irregular(b, counts) + _irregular(d, counts))
         results = [ca.densify(transfer), ca.densify(hessian), flexible, doubtful, symplectic_defect(own)]
         return ca.Function("told", [ca.horzcat(state, moved), data], results)
 
@@ -165,6 +183,12 @@ def second_variation_functions(tubes: int, integrator: str, kind: LoadKind) -> S
     return _functions(tubes, integrator, kind)
 
 
+def _backward(beside: Any, steps: int) -> Any:
+    """The steps' matrices, side by side, in reverse."""
+    width = beside.shape[1] // steps
+    return ca.horzcat(*ca.horzsplit(beside, width)[::-1]) if width else beside
+
+
 def _turning(orientation: Any) -> Any:
     """The change of a quaternion by unit turns about its own axes, 4 x 3."""
     return ca.horzcat(*(quaternion_rate(orientation, ca.SX(ca.DM.eye(3)[:, k])) for k in range(3)))
@@ -189,6 +213,7 @@ def _sized(transfer: Any, unit: Any) -> Any:
     return transfer * ((1 / units) @ units.T)
 
 
-def _irregular(block: Any) -> Any:
-    """In how many directions the symmetric part of a dimensionless block is less than it must be."""
-    return Ldl.of(0.5 * (block + block.T) - _REGULAR * ca.SX.eye(block.shape[0])).negative
+def _irregular(block: Any, counts: Any) -> Any:
+    """In how many directions that count the symmetric part of a dimensionless block is less than it must be."""
+    symmetric = 0.5 * (block + block.T) * (counts @ counts.T) + ca.diag(1 - counts)
+    return Ldl.of(symmetric - _REGULAR * ca.SX.eye(block.shape[0])).negative

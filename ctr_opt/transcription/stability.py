@@ -39,48 +39,26 @@ def second_variation(
     """
     shooting = Shooting(configuration, mesh, integrator)
     for _ in range(_CUTS):
-        steps = _Steps(shooting, states)
-        doubtful, margin = steps.doubtful, max(MARGIN, steps.defect)
-        for shift in (margin, -margin):
-            if not doubtful.any():
-                negative, doubtful = steps.count(shift)
-            if not (doubtful.any() or (negative and shift > 0.0)):
-                return SecondVariation(negative, shift > 0.0, margin)
-        if not np.isfinite(margin):
+        found, doubtful = count(shooting, states)
+        if not doubtful.any():
+            return found
+        if not np.isfinite(found.margin):
             break
         shooting, states = _halved(shooting, states, doubtful)
     return None
 
 
-class _Steps:
-    """The linearized steps of a mesh: which are ``doubtful``, and their largest ``defect``."""
-
-    def __init__(self, shooting: Shooting, states: Array) -> None:
-        columns, entry = shooting.functions.columns, shooting.functions.entry
-        self.functions = second_variation_functions(columns.tubes, shooting.integrator, shooting.kind)
-        self._steps, self._padded = len(shooting.mesh), padded(len(shooting.mesh))
-        self._compliance = shooting.entry[entry.parts["compliance"]]
-        idle = self._padded - self._steps
-        transfer, self._eliminate = self.functions.maps(self._padded)
-        found = transfer(np.pad(states, ((0, 0), (0, idle)), mode="edge"), columns.pad(shooting.columns, self._padded))
-        *self._data, doubtful, defect = (self._backward(each.full()) for each in found)
-        self.doubtful = self._forward(doubtful)
-        self.defect = float(np.max(defect))
-
-    def count(self, shift: float) -> tuple[int, NDArray[np.bool_]]:
-        """How many directions are negative, the elastic part divided by ``1 + shift``; which steps leave doubt."""
-        size = self.functions.size
-        w, negative, lost = (each.full() for each in self._eliminate(np.zeros((size, size)), *self._data, shift))
-        at_entry = self.functions.entry(w[:, -size:], self._compliance, shift)
-        return int(negative.sum() + float(at_entry)), self._forward(lost)
-
-    def _backward(self, beside: Array) -> Array:
-        """The steps' matrices side by side, the last one first."""
-        return np.hstack(np.split(beside, self._padded, axis=1)[::-1])
-
-    def _forward(self, flags: Array) -> NDArray[np.bool_]:
-        """Which steps of the mesh are flagged, the first one first."""
-        return np.asarray(flags[0, ::-1][: self._steps] != 0.0)
+def count(shooting: Shooting, states: Array, least: float = MARGIN) -> tuple[SecondVariation, NDArray[np.bool_]]:
+    """The second variation with a margin of at least ``least``, and which steps leave it in doubt."""
+    layout, steps = shooting.functions.columns, len(shooting.mesh)
+    functions = second_variation_functions(layout.tubes, shooting.integrator, shooting.kind)
+    size = padded(steps)
+    compliance = shooting.entry[shooting.functions.entry.parts["compliance"]]
+    filled = np.pad(states, ((0, 0), (0, size - steps)), mode="edge")
+    found = functions.count(size)(filled, layout.pad(shooting.columns, size), compliance, least)
+    negative, not_positive, margin = (float(found[k]) for k in (0, 1, 3))
+    doubtful = found[2].full()[0, :steps] != 0.0
+    return SecondVariation(int(negative), not_positive == 0.0, margin), doubtful
 
 
 def _halved(shooting: Shooting, states: Array, which: NDArray[np.bool_]) -> tuple[Shooting, Array]:
