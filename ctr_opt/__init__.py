@@ -6,8 +6,10 @@ symbolically in CasADi and solved with Newton's method and IPOPT. SI units throu
 
 from __future__ import annotations
 
+from .batch import Batch as Batch
 from .equilibrium import BaseMoments as BaseMoments
 from .equilibrium import Equilibrium as Equilibrium
+from .errors import CompilationError as CompilationError
 from .errors import CtrOptError as CtrOptError
 from .errors import DefinitionError as DefinitionError
 from .errors import NestingWarning as NestingWarning

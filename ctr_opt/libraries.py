@@ -10,7 +10,7 @@ from .solvers import compilation
 from .solvers.native import Native
 from .transcription.generation import content, library_source
 
-_ENOUGH = 3  # solves in one process that were worth a library: then it is built in the background
+_ENOUGH = 10  # solves in one process that were worth a library: then it is built in the background
 
 
 class Library:
