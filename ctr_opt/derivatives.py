@@ -122,6 +122,8 @@ class Differentiable:
         DefinitionError
             A name that is not there; a parameter that does not act, and why; a load given as a python function where
             its derivative by ``s`` is needed; second derivatives where break points coincide.
+        SolveError
+            A singular equilibrium: at a fold, or one of a family.
 
         Examples
         --------

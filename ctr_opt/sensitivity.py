@@ -14,7 +14,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from .errors import DefinitionError
+from .errors import DefinitionError, SolveError
 from .mechanics.sections import Configuration
 from .outputs import Expressions, Output, from_left, rates_of
 from .robot.checks import Array
@@ -136,8 +136,8 @@ class _Region:
 def _inverse(jacobian: Array) -> Array:
     """``r_z^-1``, or an error where the equilibrium is singular."""
     values = np.linalg.svd(jacobian, compute_uv=False)
-    if values[-1] <= NEGLIGIBLE * max(1.0, values[0] * 1e-8):
-        raise DefinitionError(
+    if values[-1] <= NEGLIGIBLE:
+        raise SolveError(
             f"the equilibrium is singular (smallest singular value {values[-1]:.2g} of the shooting Jacobian): "
             "it stands at a fold or belongs to a family, and has no derivatives"
         )

@@ -468,13 +468,12 @@ def test_a_singular_equilibrium_has_no_derivatives():
     """A straight column at its buckling load."""
     made = rod()
     load = ctr.PointWrench([0.0, 0.0, -((np.pi / 2) ** 2) * EI / L**2])
-    solved = ctr.ForwardProblem(made).solve(held(), [load], throw=False)
-    if solved.converged:
-        with pytest.raises(ctr.DefinitionError, match="singular"):
-            solved.jacobian()
+    solved = ctr.ForwardProblem(made, method=ctr.Newton()).solve(held(), [load])
+    with pytest.raises(ctr.SolveError, match="singular"):
+        solved.jacobian()
 
 
-def test_a_moduli_and_its_stiffness_exclude_each_other():
+def test_a_modulus_and_its_stiffness_exclude_each_other():
     made = robot(ctr.Tube("wire", 1e-3, 0.0, ctr.Arc(0.1, 5.0), youngs_modulus=60e9, poisson_ratio=0.3))
     solved = ctr.ForwardProblem(made).solve(held())
     with pytest.raises(ctr.DefinitionError, match="choose one of them"):
