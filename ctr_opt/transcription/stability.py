@@ -15,7 +15,8 @@ from .shooting import Shooting, cut
 MARGIN = 1e-7
 """The least margin; coarse steps need a wider one: what their linear maps lack to be symplectic is an error."""
 
-_CUTS = 12  # times a step is cut in two before nothing is said
+_CUTS = 12  # times a step is cut in two before nothing is said ...
+_MOST_STEPS = 3000  # ... or as soon as there are more
 
 
 @attrs.frozen
@@ -42,7 +43,7 @@ def second_variation(
         found, doubtful = count(shooting, states)
         if not doubtful.any():
             return found
-        if not np.isfinite(found.margin):
+        if len(states.T) + doubtful.sum() > _MOST_STEPS:
             break
         shooting, states = _halved(shooting, states, doubtful)
     return None
