@@ -12,7 +12,7 @@ import numpy as np
 
 import ctr_opt as ctr
 
-from . import reference, scaling, transcriptions
+from . import compilation, reference, scaling, transcriptions
 from .memory import growth
 from .methods import COLD, INTEGRATION, WARM, package, scipy
 from .table import Measured, Row, table
@@ -41,7 +41,7 @@ class Plan:
 FULL = Plan(
     Effort(3.0, 5, 20), tuple(product("AB", LOADS[:2])), (1, 2, 3, 4, 5, 6), transcriptions.PARTS, transcriptions.EFFORT
 )
-QUICK = Plan(Effort(0.0, 1, 2), (("A", LOADS[0]), ("B", LOADS[1])), (1, 2), (1, 2), Effort(0.0, 1, 0))
+QUICK = Plan(Effort(0.0, 1, 1), (("A", LOADS[0]), ("B", LOADS[1])), (1, 2), (1,), Effort(0.0, 1, 0))
 FEW = 5  # neighbours of nested robots at most
 
 
@@ -78,6 +78,7 @@ def main(arguments=None):
     parser.add_argument("--figure", type=Path, metavar="PATH", help=f"of the figure ({FIGURE.relative_to(ROOT)})")
     given = parser.parse_args(arguments)
     plan = QUICK if given.quick else FULL
+    print(compilation.line(1 if given.quick else 3), flush=True)
     measurements = list(rows(plan))
     print("\n".join(table(measurements, [mode.name for mode in REFERENCES], [mode.name for mode in MODES])))
     print("in brackets: largest error of the tip, mm\n", flush=True)

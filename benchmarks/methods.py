@@ -201,10 +201,12 @@ def package(name, compiled):
         return solves(action, *cold_starts(work))
 
     def many(work):
-        problem, _ = started(work)
-        shapes = problem.solve_many(work.targets, work.loads)
-        error = worst([shape.tip_position for shape in shapes], work.tips)
-        return Prepared([lambda: problem.solve_many(work.targets, work.loads)], error, len(work.targets))
+        problem, start = started(work)
+
+        def action():
+            return problem.solve_many(work.targets, work.loads, initial=start, chained=False)
+
+        return Prepared([action], worst(action().tip_position, work.tips), len(work.targets))
 
     measures = {
         INTEGRATION: integration,

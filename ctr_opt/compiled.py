@@ -36,6 +36,7 @@ class CompiledProblem:
         self._robot = RobotTable(robot)
         self._address = self._robot.address
         self._tubes = len(robot.tubes)
+        self.sizes = (native.header, native.start, native.unknowns, native.states)
         self._size = native.size(_STEPS)
         self._automatic = settings.formulation == "automatic"
         self._tolerances = Goal(settings.tolerance, settings.compiled_residual)
@@ -140,8 +141,7 @@ class CompiledProblem:
     def _inputs(self, actuation: Actuation, loads: tuple[Load, ...]) -> tuple[LoadRows | None, int]:
         """Loads as rows, made anew when they are others than last time, and the address of the actuation."""
         mine = self._mine.__dict__
-        known = mine.get("loads")
-        if known is None or len(known) != len(loads) or any(a is not b for a, b in zip(known, loads, strict=True)):
+        if mine.get("loads") != loads:
             mine["rows"], mine["loads"] = LoadRows.of(self.robot, loads), loads
         if "actuation" not in mine:
             mine["actuation"] = np.empty(2 * self._tubes)
@@ -164,15 +164,14 @@ class CompiledEquilibrium(Equilibrium):
         address: int,
         solve_time: float,
     ) -> None:
-        native = problem.native
         self._problem: CompiledProblem | None = problem
         self._robot, self._actuation, self._loads = problem.robot, actuation, loads
         self._numbers = numbers
         self._time = solve_time
-        self.sizes = (native.header, native.start, native.unknowns, native.states)
+        self.sizes = problem.sizes
         self._last = None
         self._rates: dict[int, tuple[Array, Array] | None] = {}
-        self.start = address + 8 * native.header
+        self.start = address + 8 * self.sizes[0]
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_problem": None}  # the library is of this process

@@ -94,6 +94,7 @@ class ForwardProblem:
             transcription or Collocation(),
         )
         self.compiled = compiled if compiled is None else flag(compiled, "compiled")
+        self._requested = False
         self._compilable = self.compiled is not False and self.settings.compilable
         self._compiled: dict[bool, CompiledProblem] = {}
         if self.compiled:
@@ -114,6 +115,7 @@ class ForwardProblem:
         CompilationError
             There is no compiler, or it failed.
         """
+        self._requested = True
         library(len(self.robot.tubes), False).built()
 
     def _by_compiled_code(self, loads: Iterable[Load]) -> CompiledProblem | None:
@@ -127,7 +129,7 @@ class ForwardProblem:
         problem = self._compiled.get(body)
         if problem is None:
             kept = library(len(self.robot.tubes), body)
-            native = kept.built() if self.compiled else kept.ready()
+            native = kept.built() if self._requested else kept.ready()
             if native is None:
                 return None
             problem = self._compiled[body] = CompiledProblem(self.robot, self.settings, native)

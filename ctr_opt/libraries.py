@@ -24,7 +24,9 @@ class Library:
         self._asked = 0
 
     def ready(self) -> Native | None:
-        """The library if it is there; never waits for the compiler."""
+        """The library if it is there, for who did not request it; never waits for the compiler."""
+        if compilation.on_request_only():
+            return None
         if self._native is None:
             self._look()
         return self._native
@@ -38,8 +40,6 @@ class Library:
 
     def _look(self) -> None:
         self._asked += 1
-        if compilation.on_request_only():
-            return
         if self._asked == 1:
             found = compilation.kept(self._name, content(*self._arguments))
             self._native = None if found is None else Native(found)

@@ -79,7 +79,7 @@ OUTPUTS = ("tip_pose", "energy", "load_work", "position", "pose", "curvature", "
 BY_TUBE = ("torsion", "tube_angle", "tube_moment")
 
 
-@pytest.mark.parametrize("seed", [4, 9])
+@pytest.mark.parametrize("seed", [4])
 def test_sensitivity_of_everything_by_every_parameter(seed):
     """Along a random direction of the numbers of each group of parameters."""
     rng, n, made, actuation, loads = problem_of(seed)

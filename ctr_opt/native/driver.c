@@ -18,7 +18,7 @@ typedef struct {
 } Goal;
 
 static const int MOST_REFINEMENTS = 3, MOST_CUTS = 3;
-static const double PREDICTED = 1e-5; /* tip conditions to which RK4 is asked to predict */
+static const double PREDICTED = 2e-6; /* tip conditions to which RK4 is asked to predict */
 static const double SAFETY = 10.0; /* the sum of local errors, so multiplied, bounds the error in all robots tried */
 
 /* For Python to check that it reads what is written here. */

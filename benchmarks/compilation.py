@@ -1,0 +1,20 @@
+"""How long the first compilation on a machine takes."""
+
+import tempfile
+from pathlib import Path
+from time import perf_counter
+
+from ctr_opt.mechanics.loading import DEAD
+from ctr_opt.solvers.compiler import required
+from ctr_opt.transcription.generation import library_source
+
+
+def line(tubes):
+    """What to print: seconds for writing the code and for compiling it; nothing of it is kept."""
+    begin = perf_counter()
+    source = library_source(tubes, DEAD)
+    written = perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        required().build(source, Path(folder))
+    built = perf_counter()
+    return f"first compilation for {tubes} tubes: {written - begin:.1f} s to write, {built - written:.1f} s to compile"
