@@ -1,7 +1,7 @@
 """Can a controller steer the tip with exact Jacobians, and how often a second?
 
-Resolved rates: at each tick the Jacobian turns the way to the next point of the path into a step of the actuators, while
-a load drags at the tip. The solver is compiled beforehand; without a compiler the same runs slower.
+Resolved rates: at each tick the Jacobian turns the way to the next point of the path into a step of the actuators,
+while a load drags at the tip. The solver is compiled beforehand; without a compiler the same runs slower.
 """
 
 from contextlib import suppress

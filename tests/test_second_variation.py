@@ -178,7 +178,7 @@ def some_of_each():
     yield pressed(26.0)
     yield beside(*opposed(12.0))
     yield beside(*opposed(2.0, behind=(0.1, 0.03)))
-    for seed in (1, 2, 9, 22):
+    for seed in (1, 2):
         rng = np.random.default_rng(seed)
         yield from list(several(soft(seed, rng), rng))[:1]
 
