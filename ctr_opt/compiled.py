@@ -61,11 +61,14 @@ class CompiledProblem:
                 failed = self.native.warm(self._address, rows.address, inputs, start, self._goal, address, self._size)
             if not failed:
                 found = CompiledEquilibrium(self, actuation, loads, numbers, address, perf_counter() - begin)
-                leave = start is None and self._automatic and found.unstable_directions
-                return None if leave else found
+                return None if self.left(found) else found
             if failed != Native.TOO_SMALL:
                 return None
             self._size = 2 * int(numbers[Native.NEEDED])
+
+    def left(self, found: CompiledEquilibrium) -> bool:
+        """Whether an answer is not good enough for a cold start: it is unstable, and there are other ways to go."""
+        return bool(found.cold and self._automatic and found.unstable_directions)
 
     def _start(self, initial: Equilibrium) -> int | None:
         """Address of the numbers that a solve starts from; None where it cannot start from this equilibrium."""
@@ -81,32 +84,16 @@ class CompiledProblem:
         self._mine.block = block  # kept until the solve is over
         return int(block.ctypes.data)
 
-    def solve_many(
-        self, actuations: Array, loads: list[tuple[Load, ...]], initial: Equilibrium | None, chained: bool
-    ) -> list[CompiledEquilibrium | None]:
-        """The equilibria of many rows; None for those that must take the slower way."""
-        count, size = len(actuations), self._size
+    def batch(self, actuations: Array, loads: list[tuple[Load, ...]]) -> CompiledBatch | None:
+        """Many rows of actuations and loads; None where there are loads that the compiled solver does not know."""
         tables: dict[int, LoadRows] = {}
         for each in loads:
             if id(each) not in tables:
                 table = LoadRows.of(self.robot, each)
                 if table is None:
-                    return [None] * count
+                    return None
                 tables[id(each)] = table
-        addresses = np.array([tables[id(each)].address for each in loads], dtype=np.uintp)
-        start = None if initial is None else self._start(initial)
-        numbers, failed = np.empty((count, size)), np.empty(count, dtype=np.intc)
-        begin, first = perf_counter(), numbers.ctypes.data
-        case = (self._address, addresses.ctypes.data, actuations.ctypes.data, count)
-        self.native.many(*case, start, chained, self._goal, first, size, failed.ctypes.data)
-        seconds = (perf_counter() - begin) / max(count, 1)
-        tubes = self._tubes
-        return [
-            CompiledEquilibrium(self, (row[:tubes], row[tubes:]), loads[k], numbers[k], first + 8 * size * k, seconds)
-            if not failed[k]
-            else None
-            for k, row in enumerate(actuations)
-        ]
+        return CompiledBatch(self, np.ascontiguousarray(actuations), loads, tables)
 
     def derive(self, of: CompiledEquilibrium, tube: int) -> tuple[Array, Array] | None:
         """The tip's pose rates with actuation ``(6, 2n)`` and with a wrench at the tip of a tube ``(6, 6)``."""
@@ -152,6 +139,41 @@ class CompiledProblem:
         return mine["rows"], mine["address"]
 
 
+class CompiledBatch:
+    """Many rows before a compiled solver, and the room for their results."""
+
+    def __init__(
+        self, problem: CompiledProblem, actuations: Array, loads: list[tuple[Load, ...]], tables: dict[int, LoadRows]
+    ) -> None:
+        count, size = len(actuations), problem._size
+        self._problem, self._actuations, self._loads, self._tables = problem, actuations, loads, tables
+        self._addresses = np.array([tables[id(each)].address for each in loads], dtype=np.uintp)
+        self._numbers, self._failed = np.empty((count, size)), np.empty(count, dtype=np.intc)
+
+    def solve(self, first: int, before: Equilibrium | None, chained: bool) -> list[CompiledEquilibrium | None]:
+        """The equilibria of the rows from ``first`` on, up to one that must take the slower way: None.
+
+        Rows that are not ``chained`` are all there, with None for each that must take the slower way. So must a chain's
+        cold start, as its stability is to be known before it is followed.
+        """
+        problem, count = self._problem, len(self._actuations) - first
+        start = None if before is None else problem._start(before)
+        if start is None and (chained or before is not None):
+            return [None] * (1 if chained else count)
+        actuations, numbers, failed = self._actuations[first:], self._numbers[first:], self._failed[first:]
+        begin, size = perf_counter(), numbers.shape[1]
+        case = (problem._address, self._addresses[first:].ctypes.data, actuations.ctypes.data, count)
+        address, goal = numbers.ctypes.data, problem._goal
+        done = problem.native.many(*case, start, chained, goal, address, size, failed.ctypes.data)
+        seconds, tubes = (perf_counter() - begin) / max(done, 1), actuations.shape[1] // 2
+        found: list[CompiledEquilibrium | None] = []
+        for k, row in enumerate(actuations[:done]):
+            actuation, loads = (row[:tubes], row[tubes:]), self._loads[first + k]
+            each = CompiledEquilibrium(problem, actuation, loads, numbers[k], address + 8 * size * k, seconds)
+            found.append(None if failed[k] or problem.left(each) else each)
+        return found
+
+
 class CompiledEquilibrium(Equilibrium):
     """An equilibrium whose parts are made of the compiled solver's numbers when they are asked for."""
 
@@ -179,6 +201,11 @@ class CompiledEquilibrium(Equilibrium):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self.start = self._numbers.ctypes.data + 8 * self.sizes[0]
+
+    @property
+    def cold(self) -> bool:
+        """Whether it was found from nothing."""
+        return bool(self._numbers[Native.COLD])
 
     @property
     def robot(self) -> Robot:
@@ -226,7 +253,7 @@ class CompiledEquilibrium(Equilibrium):
         jacobian, error = self._inspected
         return Outcome(
             SolveStatus.CONVERGED,
-            "homotopy" if self._numbers[Native.COLD] else "newton from initial",
+            "homotopy" if self.cold else "newton from initial",
             iterations=int(self._numbers[Native.ITERATIONS]),
             solve_time=self._time,
             residual_norm=float(self._numbers[Native.RESIDUAL]),

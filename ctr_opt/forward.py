@@ -217,14 +217,20 @@ class ForwardProblem:
         if initial is not None:
             _check_initial(initial, self.robot)
         fast = self._by_compiled_code(load for each in every for load in each)
-        found: list[Any] = [None] * len(rows) if fast is None else fast.solve_many(rows, every, initial, chained)
+        batch = None if fast is None else fast.batch(rows, every)
+        found: list[Equilibrium] = []
         tubes, before = len(self.robot.tubes), initial
-        for k, row in enumerate(rows):
-            if found[k] is None:
-                actuation = Actuation(row[:tubes], row[tubes:]) if objects is None else objects[k]
-                found[k] = self._solve_row(actuation, every[k], before)
-            if chained and found[k].converged:
-                before = found[k]
+        while len(found) < len(rows):
+            some = [None] if batch is None else batch.solve(len(found), before, chained)
+            for result in some:
+                k = len(found)
+                if result is None:
+                    actuation = Actuation(rows[k, :tubes], rows[k, tubes:]) if objects is None else objects[k]
+                    found.append(self._solve_row(actuation, every[k], before))
+                else:
+                    found.append(result)
+                if chained and found[k].converged:
+                    before = found[k]
         return Batch(found)
 
     def _solve_row(self, actuation: Actuation, loads: tuple[Load, ...], before: Equilibrium | None) -> Equilibrium:

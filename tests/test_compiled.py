@@ -1,7 +1,9 @@
 """Compiled solves against the virtual machine, which shares the equations but neither the packing nor the driver."""
 
+import os
 import pickle
 import threading
+from pathlib import Path
 
 import attrs
 import numpy as np
@@ -27,6 +29,12 @@ def both(robot, **options):
 def constant(loads):
     """Loads that the compiled solver knows: no tables."""
     return [x for x in loads if not (isinstance(x, ctr.DistributedLoad) and not isinstance(x.force, np.ndarray))]
+
+
+def opposed():
+    """Two equal tubes, to be turned against each other beyond the threshold: straight is a saddle then."""
+    kappa = np.sqrt(2.0 * (np.pi / 2 / 0.1) ** 2 * 0.015 / 0.02)
+    return robot_of(tube("inner", ctr.Arc(0.1, kappa)), tube("outer", ctr.Arc(0.1, kappa)))
 
 
 def by_compiled_code(result):
@@ -146,6 +154,8 @@ def test_errors_are_the_same():
         (held(), [ctr.PointWrench([1.0, 0, 0], arc_length=0.11)]),
         (held(), [ctr.DistributedLoad([1.0, 0, 0], start=0.05, end=0.12)]),
         (held(), [ctr.PointWrench([1.0, 0, 0], tube=1)]),
+        (held(), [ctr.PointWrench([1.0, 0, 0], tube=2**40)]),  # no int of C
+        (held(), [ctr.DistributedLoad([1.0, 0, 0], tube=2**31)]),
         (ctr.Actuation([0.0, 0.0], [0.0, 0.0]), []),
         (held(), ["a load"]),
         ("actuation", []),
@@ -163,8 +173,7 @@ def test_errors_are_the_same():
 
 def test_an_unstable_branch_is_left_by_cold_solves_and_kept_by_warm_ones():
     """Two equal tubes turned against each other beyond the threshold: straight is a saddle."""
-    kappa = np.sqrt(2.0 * (np.pi / 2 / 0.1) ** 2 * 0.015 / 0.02)
-    made = robot_of(tube("inner", ctr.Arc(0.1, kappa)), tube("outer", ctr.Arc(0.1, kappa)))
+    made = opposed()
     actuation = ctr.Actuation([0.0, np.pi], [0.0, 0.0])
     compiled = ctr.ForwardProblem(made, compiled=True)
     cold = compiled.solve(actuation)
@@ -198,12 +207,92 @@ def test_many_rows_are_as_many_solves():
     np.testing.assert_allclose(same.tip_position[:3], machine.tip_position, atol=1e-9)
 
 
+def test_rows_lie_in_memory_as_they_like():
+    given = ctr.load_problem("problems/three_tubes/a1.toml")
+    problem = ctr.ForwardProblem(given.robot, compiled=True)
+    rotations = given.actuation.rotations + 0.1 * np.random.default_rng(9).normal(size=(5, 3))
+    translations = np.tile(given.actuation.translations, (5, 1))
+    across = problem.solve_many((np.asfortranarray(rotations), np.asfortranarray(translations)), chained=False)
+    along = problem.solve_many((rotations, translations), chained=False)
+    assert all(by_compiled_code(result) for result in across)
+    np.testing.assert_array_equal(across.tip_pose, along.tip_pose)
+
+
+@pytest.mark.parametrize("chained", [True, False])
+def test_rows_start_from_any_initial_as_single_solves_do(chained):
+    """A guess keeps rows on the saddle; from nothing they would leave it."""
+    problem = ctr.ForwardProblem(opposed(), compiled=True)
+    guess = problem.guess(ctr.Actuation([0.0, np.pi], [0.0, 0.0]))
+    rows = (np.array([[0.0, np.pi + 0.001], [0.0, np.pi + 0.002]]), np.zeros((2, 2)))
+    batch = problem.solve_many(rows, initial=guess, chained=chained)
+    assert [result.unstable_directions for result in batch] == [1, 1]
+
+
+def test_rows_far_apart_are_continued_as_single_solves_are():
+    """Steps too large for Newton's method, so that continuation is needed, and cold starts where that fails."""
+    given = ctr.load_problem("problems/three_tubes/a1.toml")
+    rng = np.random.default_rng(3)
+    rotations = given.actuation.rotations + rng.uniform(-3.0, 3.0, (8, 3))
+    factors = 1.0 + 0.3 * rng.normal(size=(8, 3))
+    translations = np.minimum(given.actuation.translations * factors, 0.0)
+    a, b = (each.solve_many((rotations, translations)) for each in both(given.robot))
+    assert a.converged.all()
+    np.testing.assert_allclose(a.tip_pose, b.tip_pose, atol=1e-9)
+    assert [result.path for result in a] == [result.path for result in b]
+    assert any("continuation from initial" in result.path for result in a)
+
+
+def test_a_short_step_to_another_branch_is_not_taken():
+    """Two equilibria 0.01 lengths apart, where Newton's method goes to the wrong one."""
+    rng = np.random.default_rng(5622)
+    tubes, load = int(rng.integers(1, 4)), rng.choice([0.0, 1.0, 5.0])
+    robot, actuation, loads = random_case(rng, tubes, load=load)
+    step = 10.0 ** rng.uniform(-2.0, 0.3)
+    rotations = actuation.rotations + step * rng.normal(size=len(robot.tubes))
+    translations = np.minimum(actuation.translations * (1.0 + 0.2 * step * rng.normal(size=len(robot.tubes))), 0.0)
+    compiled, machine = both(robot, tolerance=1e-10)
+    first = compiled.solve(actuation, loads)
+    a, b = (each.solve(ctr.Actuation(rotations, translations), loads, initial=first) for each in (compiled, machine))
+    np.testing.assert_allclose(a.tip_position, b.tip_position, atol=1e-9)
+
+
+def test_errors_of_soft_tubes_count():
+    """An inner tube 1e8 times softer than the outer: what the tip conditions leave may still turn it visibly."""
+    inner = tube("inner", [ctr.Straight(0.1), ctr.Arc(0.1, 10.0)], EI=2e-10, GJ=1.5e-10)
+    made = robot_of(inner, tube("outer", ctr.Arc(0.1, 10.0)))
+    rng = np.random.default_rng(1)
+    problem = ctr.ForwardProblem(made, compiled=True)
+    for _ in range(5):
+        actuation = ctr.Actuation(rng.uniform(-3.0, 3.0, 2), [-0.03, -0.01])
+        result = problem.solve(actuation)
+        assert result.discretization_error < 1e-7 * result.length
+        assert result.verify() < 1e-7 * result.length
+
+
+def test_positions_that_rounding_spoils_are_refused():
+    """A robot of 1e-13 m a metre away from the origin: a position's last digit is 2e-3 of its length."""
+    pose = np.eye(4)
+    pose[:3, 3] = [0.6, 1.1, 0.4]
+    made = rod(1e-13, EI=1e-10, GJ=1e-11, curvature=[1e13, 0.0, 0.0], base_pose=pose)
+    load = ctr.PointWrench(arc_length=2e-14)
+    result = ctr.ForwardProblem(made, compiled=True).solve(held(), [load], throw=False)
+    assert not by_compiled_code(result)
+
+
+def test_angles_of_many_turns():
+    """An angle of 1e5 turns has an uncertain digit of 1e-10 rad; larger ones are left to the other way."""
+    given = ctr.load_problem("problems/three_tubes/a1.toml")
+    for turns, compiled in ((1e5, True), (1e6, False)):
+        rotations = given.actuation.rotations + 2.0 * np.pi * turns * np.array([1.0, 0.0, 0.0])
+        a, b = (each.solve(ctr.Actuation(rotations, given.actuation.translations)) for each in both(given.robot))
+        assert by_compiled_code(a) is compiled
+        np.testing.assert_allclose(a.tip_position, b.tip_position, atol=1e-9)
+
+
 @pytest.mark.parametrize("compiled", [True, False])
 def test_failed_rows_are_marked_and_stop_nothing(compiled):
     """Opposed tubes beyond their threshold, by homotopy alone, which ends at the bifurcation."""
-    kappa = np.sqrt(2.0 * (np.pi / 2 / 0.1) ** 2 * 0.015 / 0.02)
-    made = robot_of(tube("inner", ctr.Arc(0.1, kappa)), tube("outer", ctr.Arc(0.1, kappa)))
-    problem = ctr.ForwardProblem(made, formulation="equilibrium", compiled=compiled)
+    problem = ctr.ForwardProblem(opposed(), formulation="equilibrium", compiled=compiled)
     rotations = np.array([[0.0, 0.5], [0.0, np.pi], [0.0, 0.7]])
     batch = problem.solve_many((rotations, np.zeros((3, 2))), chained=False)
     assert batch.converged.tolist() == [True, False, True]
@@ -267,6 +356,23 @@ def test_threads_do_not_disturb_each_other():
         thread.join()
     for part in parts:
         np.testing.assert_array_equal(found[part], [alone[k] for k in part for _ in range(20)])
+
+
+def test_threads_that_end_leave_no_memory():
+    """Before, each left 26 kB."""
+    given = ctr.load_problem("problems/three_tubes/a1.toml")
+    problem = ctr.ForwardProblem(given.robot, compiled=True)
+    first = problem.solve(given.actuation)
+
+    def after(count):
+        for _ in range(count):
+            thread = threading.Thread(target=problem.solve, args=(given.actuation, (), first))
+            thread.start()
+            thread.join()
+        statm = Path("/proc/self/statm")  # of Linux
+        return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if statm.exists() else 0
+
+    assert after(300) + 3e6 > after(300)
 
 
 def test_many_steps_and_loads_find_room():

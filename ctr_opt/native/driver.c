@@ -7,23 +7,19 @@
 #endif
 
 enum { /* a result: numbers, then blocks */
-  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_STIFFNESS, R_REFINEMENTS, R_TIED, R_NEEDED, R_COLD,
+  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_STIFFNESS, R_REFINEMENTS, R_TIED, R_NEEDED, R_COLD, R_FAR,
   HEADER = 16,
   /* The block that a solve may start from: unknowns, their Jacobian and the tip conditions there by RK4, units. */
   START = NZ + NZ * NZ + NZ + 2,
 };
 
-typedef struct {
-  double error, residual; /* to be met: of positions over the length, and of the scaled tip conditions */
-} Goal;
+static const int MOST_REFINEMENTS = 3, MOST_CUTS = 3, FEW = 8; /* FEW: sweeps from nearby */
+static const double SAFETY = 10.0; /* the sum of weighted local errors, so multiplied, bounds the error in all tried */
+static const Goal PREDICTED = {INFINITY, 2e-6}; /* what RK4 is asked to predict */
 
-static const int MOST_REFINEMENTS = 3, MOST_CUTS = 3;
-static const double PREDICTED = 2e-6; /* tip conditions to which RK4 is asked to predict */
-static const double SAFETY = 10.0; /* the sum of local errors, so multiplied, bounds the error in all robots tried */
-
-/* For Python to check that it reads what is written here. */
+/* What Python must know to read a result. */
 EXPORT int sizes(int *out) {
-  const int values[] = {NX, NZ, HEADER, POINT_ROW, SPAN_ROW};
+  const int values[] = {NX, NZ, HEADER};
   memcpy(out, values, sizeof values);
   return sizeof values / sizeof *values;
 }
@@ -41,9 +37,10 @@ static int again(const Robot *robot, const Loads *loads, const double *actuation
 
 /* A solve on ever finer meshes, from z near the solution on that of `first` and the inverse of a Jacobian nearby, until
    the error of positions is below the tolerance: by the sum of local errors or, where that is too large, by half the
-   steps' length. R_ERROR is negative where it is only known to be below. The Jacobian left is that of RK4. */
-static int refine(const Case *first, double *z, double *inverse_, const Goal *goal, int iterations, double *result,
-                  long capacity) {
+   steps' length. R_ERROR is negative where it is only known to be below. The Jacobian left is that of RK4. `far`: the start
+   was so far away that Broyden's method failed or was slow. */
+static int refine(const Case *first, double *z, double *inverse_, const Goal *goal, int iterations, int far,
+                  double *result, long capacity) {
   Case c, halves, coarse = *first;
   Layout *layout = first->layout;
   for (int refinements = 0; refinements <= MOST_REFINEMENTS; refinements++) {
@@ -57,15 +54,18 @@ static int refine(const Case *first, double *z, double *inverse_, const Goal *go
     memcpy(found.z, z, sizeof found.z);
     int failed = pack(layout, &RK8, &c);
     if (!failed && (refinements || coarse.track.rk != &RK4)) failed = pack(layout, &RK4, &coarse);
-    if (!failed) failed = approach(&c, inverse_, NULL, goal->residual, INFINITY, &found);
+    if (!failed) failed = approach(&c, inverse_, NULL, goal, INFINITY, &found);
     if (failed == DIVERGED) {
       memcpy(found.z, z, sizeof found.z);
-      failed = polish(&c, goal->residual, &found);
+      failed = polish(&c, goal, &found);
+      far = 1;
     }
     if (failed) return failed;
+    if (found.iterations - iterations > FEW) far = 1;
     memcpy(z, found.z, sizeof found.z);
     iterations = found.iterations;
-    double error = -SAFETY * found.local - 1e-12;
+    const double rounding = 1e-12 + 1e-15 * size3(layout->robot->position) / layout->length;
+    double error = -SAFETY * found.local - rounding;
     Layout *finer = NULL;
     if (!(-error <= goal->error)) {
       finer = take(sizeof *finer);
@@ -80,7 +80,7 @@ static int refine(const Case *first, double *z, double *inverse_, const Goal *go
     }
     linearize(&coarse, z, out + NZ + NZ * NZ, out + NZ, NULL);
     const double header[] = {iterations, found.residual, error, n, layout->length, layout->stiffness, refinements,
-                             layout->tied, needed, 0.0};
+                             layout->tied, needed, 0.0, far};
     memcpy(result, header, sizeof header);
     memcpy(out, found.z, sizeof found.z);
     out[START - 2] = moment_scale(layout);
@@ -115,10 +115,16 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
     for (int j = 0; j < NZ; j++) before[i * NZ + j] = old[i * NZ + j] * unit[i] / unit[j];
   }
   if (inverse(NZ, before, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
-  failed = approach(&coarse, inverse_, left, PREDICTED, INFINITY, &found);
-  if (!failed) failed = refine(&coarse, found.z, inverse_, goal, found.iterations, result, capacity);
-  if (!failed && !regular_between(before, result + HEADER + NZ)) failed = PERHAPS_ANOTHER_BRANCH;
-  return failed;
+  failed = approach(&coarse, inverse_, left, &PREDICTED, INFINITY, &found);
+  const int far = failed || found.iterations > FEW;
+  if (failed) { /* perhaps the fine integrator gets there */
+    for (int i = 0; i < NZ; i++) found.z[i] = start[i] * unit[i];
+    inverse(NZ, before, inverse_);
+  }
+  failed = refine(&coarse, found.z, inverse_, goal, found.iterations, far, result, capacity);
+  if (failed) return failed;
+  const double most = result[R_FAR] != 0.0 ? VERY_REGULAR : REGULAR;
+  return regular_between(before, result + HEADER + NZ, most) ? 0 : PERHAPS_ANOTHER_BRANCH;
 }
 
 /* From nothing: a coarse integrator follows the path from the straight robot and the fine one finishes; where that is too
@@ -136,7 +142,8 @@ EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation,
     failed = pack(&layout, ways[k], &c);
     if (!failed) failed = follow(&c, z, jacobian, &iterations);
     if (!failed && inverse(NZ, jacobian, inverse_)) failed = SINGULAR;
-    if (!failed) failed = refine(&c, z, inverse_, goal, iterations, result, capacity);
+    if (!failed) failed = refine(&c, z, inverse_, goal, iterations, 0, result, capacity);
+    if (!failed && !regular_between(jacobian, result + HEADER + NZ, REGULAR)) failed = PERHAPS_ANOTHER_BRANCH;
     if (!failed || failed == TOO_SMALL) break;
   }
   if (!failed) result[R_COLD] = 1.0;
@@ -171,18 +178,21 @@ EXPORT int stability(const Robot *robot, const Loads *loads, const double *actua
   return found;
 }
 
-/* Many solves, each from the one before if `chained`, else from `first`, and where that fails or is NULL from nothing.
-   Results stand `size` numbers apart; `failed` says of each what a single call would return. */
-EXPORT void many(const Robot *robot, const Loads *const *loads, const double *actuations, long count, const double *first,
-                 int chained, const Goal *goal, double *results, long size, int *failed) {
+/* Many solves, the first from `first`, or from nothing if that is NULL, and the others like it or, if `chained`, each from
+   the one before, until one fails. Results stand `size` numbers apart; `failed` says of each what a single call would
+   return. Returns how many were tried. */
+EXPORT int many(const Robot *robot, const Loads *const *loads, const double *actuations, int count, const double *first,
+                int chained, const Goal *goal, double *results, long size, int *failed) {
   const double *start = first;
-  for (long k = 0; k < count; k++) {
+  for (int k = 0; k < count; k++) {
     double *result = results + k * size;
     const double *actuation = actuations + k * 2 * TUBES;
-    failed[k] = start ? warm(robot, loads[k], actuation, start, goal, result, size) : DIVERGED;
-    if (failed[k] >= DIVERGED) failed[k] = cold(robot, loads[k], actuation, goal, result, size);
-    if (chained && !failed[k]) start = result + HEADER;
+    failed[k] = start ? warm(robot, loads[k], actuation, start, goal, result, size)
+                      : cold(robot, loads[k], actuation, goal, result, size);
+    if (chained && failed[k]) return k + 1;
+    if (chained) start = result + HEADER;
   }
+  return count;
 }
 
 /* Integrations from the entry to the tip, for comparison, with the derivative by the unknowns or without: the state
@@ -235,11 +245,11 @@ EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuatio
   int failed = again(robot, loads, actuation, refinements, &layout);
   if (!failed) failed = LIVE || layout.tied || layout.ends[tube] < layout.length ? REFUSED : pack(&layout, &RK8, &c);
   if (failed) return failed;
-  double along[NX * WIDTH], rates_[6 * WIDTH], tip[NZ * NZ], right[NZ * WIDTH];
+  double along[NX * WIDTH], rates_[6 * WIDTH], tip[NZ * NZ];
   Swept swept = {.along = along};
   sweep_along(&c, z, &swept, WIDTH, EVERY);
   pose_rates(swept.x, along, WIDTH, tube, rates_);
-  /* Right-hand sides: what the tip conditions change by with angles, turns, forces, translations; then unit moments. */
+  /* What the tip conditions change by with angles, turns, forces, translations; then with unit moments. */
   enum { OTHERS = EVERY - NZ, MOMENTS = 3 };
   double change[NZ * (OTHERS + MOMENTS)];
   for (int i = 0; i < NZ; i++) {

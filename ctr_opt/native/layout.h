@@ -45,7 +45,7 @@ enum { REFUSED = 1, NO_MEMORY, TOO_SMALL };
 
 static const double SAME_POINT = 1e-12, LARGEST_TURN = 1.0, MOST_TURN_STEPS = 200.0;
 
-/* -- memory: one arena for each thread, emptied by every call ---------------------------------------------------------- */
+/* -- memory: one arena for each thread, emptied by every call and freed when the thread ends ---------------------------- */
 
 typedef struct Block {
   struct Block *before;
@@ -53,6 +53,27 @@ typedef struct Block {
 } Block;
 
 static _Thread_local Block *arena;
+
+static void release(void *newest) {
+  for (Block *block = newest; block;) {
+    Block *before = block->before;
+    free(block);
+    block = before;
+  }
+}
+
+#if defined(_WIN32)
+static void release_at_thread_end(Block *newest) {}
+#else
+static pthread_key_t thread_end;
+static int have_thread_end;
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static void make_thread_end(void) { have_thread_end = !pthread_key_create(&thread_end, release); }
+static void release_at_thread_end(Block *newest) {
+  pthread_once(&once, make_thread_end);
+  if (have_thread_end) pthread_setspecific(thread_end, newest);
+}
+#endif
 
 static void *take(size_t bytes) {
   bytes = (bytes + 63) / 64 * 64;
@@ -62,6 +83,7 @@ static void *take(size_t bytes) {
     if (!block) return NULL;
     *block = (Block){arena, size, 0};
     arena = block;
+    release_at_thread_end(arena);
   }
   char *begin = (char *)(((uintptr_t)(arena + 1) + 63) / 64 * 64);
   void *found = begin + arena->used;
@@ -70,12 +92,10 @@ static void *take(size_t bytes) {
 }
 
 static void empty(void) {
-  while (arena && arena->before) { /* keep the last and largest */
-    Block *old = arena->before;
-    arena->before = old->before;
-    free(old);
-  }
-  if (arena) arena->used = 0;
+  if (!arena) return;
+  release(arena->before); /* the last and largest is kept */
+  arena->before = NULL;
+  arena->used = 0;
 }
 
 /* -- precurvature ------------------------------------------------------------------------------------------------------ */
@@ -136,8 +156,9 @@ static int nearest(const Layout *layout, double s) {
 }
 
 /* Where a load acts: on its tube, or refused. */
-static int place(const Layout *layout, double s, int tube, Break *found) {
-  if (tube >= TUBES) return REFUSED;
+static int place(const Layout *layout, double s, double index, Break *found) {
+  if (!(index < TUBES)) return REFUSED; /* perhaps too large for an int */
+  const int tube = (int)index;
   const double end = layout->ends[tube];
   if (isnan(s)) {
     *found = (Break){end, tube};
@@ -167,12 +188,12 @@ static int sort_breaks(Layout *layout) {
     }
   for (int k = 0; k < loads->points; k++) {
     const double *row = loads->point + (size_t)k * POINT_ROW;
-    if (place(layout, row[LOAD_S], (int)row[LOAD_TUBE], all + count++)) return REFUSED;
+    if (place(layout, row[LOAD_S], row[LOAD_TUBE], all + count++)) return REFUSED;
   }
   for (int k = 0; k < loads->spans; k++) {
     const double *row = loads->span + (size_t)k * SPAN_ROW;
     for (int side = 0; side < 2; side++)
-      if (place(layout, row[SPAN_START + side], (int)row[SPAN_TUBE], all + count++)) return REFUSED;
+      if (place(layout, row[SPAN_START + side], row[SPAN_TUBE], all + count++)) return REFUSED;
     if (!(all[count - 1].s > all[count - 2].s)) return REFUSED;
   }
   qsort(all, count, sizeof *all, by_arc_length);
@@ -231,8 +252,9 @@ static double preset_bound(const Layout *layout, double start, double end, doubl
    a force bends an elastica to at most 2 sqrt(F / EI), however long the lever. */
 static int steps_of(Layout *layout, int *parts, double *turns) {
   const Loads *loads = layout->loads;
-  double *forces = take(sizeof(double) * 2 * layout->breaks), *couples = forces + layout->breaks;
+  double *forces = take(sizeof(double) * 2 * layout->breaks);
   if (!forces) return NO_MEMORY;
+  double *couples = forces + layout->breaks;
   memset(forces, 0, sizeof(double) * 2 * layout->breaks);
   for (int p = 0; p < loads->points; p++) {
     const double *row = loads->point + (size_t)p * POINT_ROW;

@@ -2,7 +2,13 @@
 
 enum { DIVERGED = 10, SINGULAR, PERHAPS_ANOTHER_BRANCH, INACCURATE, PATH_ENDED };
 
-static const double CONTRACTION = 0.5, REGULAR = 0.6, MOST_INVERSE = 1e4;
+typedef struct {
+  double error, residual; /* to be met: of positions over the length, and of the scaled tip conditions */
+} Goal;
+
+static const double CONTRACTION = 0.5, MOST_INVERSE = 1e4;
+static const double REGULAR = 0.6, VERY_REGULAR = 0.2; /* the latter after steps that are long for an old Jacobian */
+static const double SMALL_PART = 0.03; /* of the error allowed is what a solve may leave of the correction */
 static const double NEARBY = 1e-3, NEARLY = 1e-4; /* a step after which Broyden's method finishes; a residual before its end */
 
 /* z - H r, and the size of the correction. */
@@ -13,9 +19,10 @@ static double correct(const double *inverse, const double *residual, double *z) 
   return norm(NZ, step);
 }
 
-/* Whether a Jacobian can be taken to have stayed regular between a and b: the eigenvalues of a^-1 b lie within 62 degrees
-   of the positive axis and change by at most a factor of 4, as those of (b - a) (b + a)^-1 are below 0.6 in size. */
-static int regular_between(const double *a, const double *b) {
+/* Whether a Jacobian can be taken to have stayed regular between a and b: the eigenvalues of (b - a) (b + a)^-1 are below
+   `most` in size. With REGULAR those of a^-1 b lie within 62 degrees of the positive axis and change by at most a factor
+   of 4, with VERY_REGULAR 23 degrees and 1.5. */
+static int regular_between(const double *a, const double *b, double most) {
   double sum[NZ * NZ], c[NZ * NZ], square[NZ * NZ];
   for (int i = 0; i < NZ; i++)
     for (int j = 0; j < NZ; j++) { /* transposed, as `solve` divides from the left */
@@ -25,7 +32,7 @@ static int regular_between(const double *a, const double *b) {
   if (solve(NZ, NZ, sum, c)) return 0;
   double bound = norm(NZ * NZ, c), power = 1.0;
   for (int k = 0; k < 5; k++) { /* the spectral radius is at most |C^p|^(1/p) */
-    if (bound < REGULAR) return 1;
+    if (bound < most) return 1;
     if (!(bound < 1e3)) return 0;
     multiply(NZ, NZ, NZ, c, c, square);
     memcpy(c, square, sizeof c);
@@ -38,14 +45,25 @@ static int regular_between(const double *a, const double *b) {
 /* -- what a solve leaves ----------------------------------------------------------------------------------------------- */
 
 typedef struct {
-  double z[NZ], residual, local; /* local: sum of the steps' local errors */
+  double z[NZ], residual, local; /* local: sum of the steps' local errors, and what is left of the correction */
   int iterations;
   double *right, *left;          /* states behind and before the loads at the nodes */
 } Found;
 
+/* By how much a correction of the unknowns moves positions, roughly. */
+static double effect(const Case *c, const double *step) {
+  const double *weight = c->track.weight;
+  double sum = 0.0;
+  for (int i = 0; i < NZ; i++) {
+    const double moved = step[i] * (i < 2 ? weight[AT_BENDING + i] : i < 2 + TUBES ? weight[AT_TORSION + i - 2] : 1.0);
+    sum += moved * moved;
+  }
+  return sqrt(sum);
+}
+
 /* Broyden's method from the inverse of a Jacobian nearby, one sweep an iteration, to where the tip conditions are `wanted`
    (or zero). `size` is that of the first step allowed; nodes and errors, if asked for, are those of the last sweep. */
-static int approach(const Case *c, double *inverse_, const double *wanted, double tolerance, double size, Found *found) {
+static int approach(const Case *c, double *inverse_, const double *wanted, const Goal *goal, double size, Found *found) {
   double residual[NZ], next[NZ], step[NZ], change[NZ], moved[NZ], row[NZ];
   for (int iteration = 0; iteration < 12; iteration++) {
     const int last = iteration > 0 && found->residual < NEARLY; /* probably */
@@ -65,12 +83,14 @@ static int approach(const Case *c, double *inverse_, const double *wanted, doubl
         for (int i = 0; i < NZ; i++)
           for (int j = 0; j < NZ; j++) inverse_[i * NZ + j] += (step[i] + moved[i]) * row[j] / scale;
     }
-    if (found->residual <= tolerance) {
+    multiply(NZ, NZ, 1, inverse_, next, step);
+    const double left = effect(c, step);
+    if (found->residual <= goal->residual && left <= SMALL_PART * goal->error) {
       if (!last && found->right) shoot(c, found->z, next, found->right, found->left, &found->local);
+      found->local += left;
       return 0;
     }
     memcpy(residual, next, sizeof next);
-    multiply(NZ, NZ, 1, inverse_, residual, step);
     const double now = norm(NZ, step);
     if (!(now <= (iteration ? CONTRACTION : 1.0) * size)) return DIVERGED;
     size = now;
@@ -80,7 +100,7 @@ static int approach(const Case *c, double *inverse_, const double *wanted, doubl
 }
 
 /* The same with fresh Jacobians, until Broyden's method finishes. */
-static int polish(const Case *c, double tolerance, Found *found) {
+static int polish(const Case *c, const Goal *goal, Found *found) {
   double residual[NZ], jacobian[NZ * NZ], inverse_[NZ * NZ], before = INFINITY;
   for (int iteration = 0; iteration < 6; iteration++) {
     linearize(c, found->z, residual, jacobian, NULL);
@@ -89,7 +109,7 @@ static int polish(const Case *c, double tolerance, Found *found) {
     const double size = correct(inverse_, residual, found->z);
     if (!(size <= (iteration ? CONTRACTION : 1.0) * before)) return DIVERGED;
     before = size;
-    if (size < NEARBY) return approach(c, inverse_, NULL, tolerance, size, found);
+    if (size < NEARBY) return approach(c, inverse_, NULL, goal, size, found);
   }
   return DIVERGED;
 }
@@ -166,7 +186,8 @@ static int follow(const Case *c, double *z, double *jacobian, int *iterations) {
       for (int i = 0; i < NZ; i++) middle.z[i] = 0.5 * (here.z[i] + next.z[i]);
       scale_case(c, 0.5 * (reached + target), columns, &part);
       linearize(&part, middle.z, residual, middle.jacobian, NULL);
-      failed = !regular_between(here.jacobian, middle.jacobian) || !regular_between(middle.jacobian, next.jacobian);
+      failed = !regular_between(here.jacobian, middle.jacobian, REGULAR) ||
+               !regular_between(middle.jacobian, next.jacobian, REGULAR);
     }
     if (failed) {
       step = 0.5 * (target - reached);

@@ -62,12 +62,12 @@ static void fill_tubes(Case *c, int k) {
 static void fill_span(Case *c, int k, const double *row) {
   const Layout *layout = c->layout;
   const Tableau *rk = c->track.rk;
-  const int tube = (int)row[SPAN_TUBE], body = BODY && row[SPAN_BODY] != 0.0;
+  const int tube = (int)row[SPAN_TUBE];
   double *column = c->columns + (size_t)k * column_size(rk);
   const double force = layout->length / force_scale(layout), moment = layout->length / moment_scale(layout);
   int forces = part_start(rk, PART_FORCE), moments = part_start(rk, PART_MOMENT) + 3 * tube, every = 3;
 #if BODY
-  if (body) {
+  if (row[SPAN_BODY] != 0.0) {
     forces = part_start(rk, PART_BODY_FORCE) + 3 * tube;
     moments = part_start(rk, PART_BODY_MOMENT) + 3 * tube;
     every = 3 * TUBES;
@@ -78,6 +78,22 @@ static void fill_span(Case *c, int k, const double *row) {
     add3(column + forces + every * j, row + SPAN_FORCE, force);
     add3(column + moments + 3 * TUBES * j, row + SPAN_MOMENT, moment);
   }
+}
+
+/* Moments bend and twist what is softest most. */
+static void weigh(Case *c) {
+  const int size = column_size(c->track.rk);
+  double softest = INFINITY;
+  for (int k = 0; k < c->track.steps; k++) {
+    double bending = 0.0;
+    for (int i = 0; i < TUBES; i++) bending += c->columns[(size_t)k * size + 1 + i];
+    softest = fmin(softest, bending);
+  }
+  double *weight = c->track.weight;
+  for (int r = 0; r < NX; r++) weight[r] = 1.0;
+  for (int r = 0; r < 2; r++) weight[AT_BENDING + r] = fmax(1.0, 1.0 / softest);
+  for (int i = 0; i < TUBES; i++)
+    weight[AT_TORSION + i] = fmax(1.0, c->layout->stiffness / c->layout->robot->torsional[i]);
 }
 
 static int pack(Layout *layout, const Tableau *rk, Case *c) {
@@ -115,7 +131,9 @@ static int pack(Layout *layout, const Tableau *rk, Case *c) {
     const double behind_entry = -layout->translations[i];
     c->free_angles[i] = layout->rotations[i] + preset_twist(layout->robot, i, behind_entry);
     c->compliance[i] = behind_entry / layout->robot->torsional[i] * moment_scale(layout);
+    if (!(fabs(c->free_angles[i]) <= LARGEST_ANGLE)) return REFUSED;
   }
+  weigh(c);
   return 0;
 }
 

@@ -23,8 +23,9 @@ static int count(const Case *c, const Linear *linear, double shift) {
   return (int)(total + negative);
 }
 
-/* From the states `right` where steps began before each was cut into so many `parts`. The margin is that of an eigenvalue told from zero, and negative where one is
-   not: then the second variation is not positive, though it may have no negative direction. */
+/* From the states `right` where steps began before each was cut into so many `parts`. The margin is that of an eigenvalue
+   told from zero, and negative where one is not: then the second variation is not positive, though it may have no negative
+   direction. */
 static int unstable_directions(const Case *c, const double *right, int parts, double *margin) {
   Linear *linear = take(sizeof(Linear) * c->track.steps);
   if (!linear) return NOT_TOLD;

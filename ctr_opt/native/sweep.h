@@ -11,6 +11,7 @@ typedef struct {
   const double *columns; /* one behind the other, column_size(rk) each */
   const int *flags;
   int start[PARTS];      /* where each part begins in a column */
+  double weight[NX];     /* of errors of the states: roughly by how much a position moves with them */
 } Track;
 
 INLINE int column_size(const Tableau *rk) { return 1 + SHARED + AT_NODES * rk->stages + POINT; }
@@ -59,7 +60,11 @@ static void advance(const Track *track, const double *column, int flags, double 
         fifth[r] += rk->fifth[i] * slope[i][r];
         third[r] += rk->third[i] * slope[i][r];
       }
-    for (int r = 0; r < end; r++) a += fifth[r] * fifth[r], b += third[r] * third[r];
+    for (int r = 0; r < end; r++) {
+      const double weight = track->weight[r];
+      a += weight * weight * fifth[r] * fifth[r];
+      b += weight * weight * third[r] * third[r];
+    }
     *error += a > 0.0 ? length * a / sqrt(a + 0.01 * b) : 0.0;
   }
   double sum[NX] = {0};

@@ -2,10 +2,15 @@
    that the compiler evaluates both together and several tubes side by side. */
 
 #include <math.h>
+#if !defined(_WIN32)
+#include <pthread.h>
+#endif
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+
+static const double LARGEST_ANGLE = 1e6; /* of a tube at the entry, rad */
 
 #define casadi_real double
 #define INLINE static inline __attribute__((always_inline))
@@ -14,7 +19,7 @@ typedef struct {
   double rest, quarter; /* angle = rest + quarter * pi / 2, |rest| <= pi / 4 */
 } Reduced;
 
-/* Two parts of pi / 2, the first of 33 bits, so that its multiples are exact up to a million turns. */
+/* Two parts of pi / 2, the first of 33 bits, so that its first million multiples are exact: see LARGEST_ANGLE. */
 INLINE Reduced reduced(double angle) {
   const double quarter = nearbyint(angle * 0.63661977236758134308);
   const double rest = (angle - quarter * 1.57079632673412561417e+00) - quarter * 6.07710050650619224932e-11;

@@ -134,14 +134,14 @@ class Native:
         case = (_ADDRESS, _ADDRESS, _ADDRESS)  # robot, loads, actuation
         self.warm = function("warm", *case, _ADDRESS, _ADDRESS, _ADDRESS, _LONG)
         self.cold = function("cold", *case, _ADDRESS, _ADDRESS, _LONG)
-        self.many = function("many", *case, _LONG, _ADDRESS, _INT, _ADDRESS, _ADDRESS, _LONG, _ADDRESS)
+        self.many = function("many", *case, _INT, _ADDRESS, _INT, _ADDRESS, _ADDRESS, _LONG, _ADDRESS)
         self.derive = function("derive", *case, _ADDRESS, _INT, _INT, _ADDRESS, _ADDRESS)
         self.stability = function("stability", *case, _ADDRESS, ctypes.POINTER(ctypes.c_double))
         self.inspect = function("inspect", *case, _ADDRESS, _ADDRESS)
         self.integrate = function("integrate", *case, _ADDRESS, _INT, _INT, _ADDRESS)
-        numbers = (_INT * 8)()
+        numbers = (_INT * 3)()
         library.sizes(numbers)
-        self.states, self.unknowns, self.header, *_ = numbers
+        self.states, self.unknowns, self.header = numbers
         self.start = self.unknowns * (self.unknowns + 2) + 2
 
     def size(self, steps: int) -> int:

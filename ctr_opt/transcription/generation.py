@@ -22,7 +22,7 @@ from ..mechanics.loading import LoadKind
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
 from .columns import StepColumns
-from .integrators import INTEGRATORS, runge_kutta
+from .integrators import runge_kutta
 from .second_variation import second_variation_functions
 from .shooting import shooting_functions
 
@@ -279,7 +279,7 @@ class _Model:
             "BEHIND_OUTER": self._behind_outer().nnz(),
             "LANES": _lanes(tubes),
             "MOST_UNKNOWNS": State.size(tubes),
-            "MOST_STAGES": max(len(runge_kutta(name).nodes) for name in INTEGRATORS),
+            "MOST_STAGES": max(len(runge_kutta(name).nodes) for name in _INTEGRATORS),
         }
         names |= {f"AT_{name.upper()}": part.start for name, part in State.parts(tubes).items()}
         names |= {f"PART_{name.upper()}": k for k, name in enumerate(sizes)}
@@ -318,12 +318,13 @@ def _array(kind: str, name: str, values: Any) -> str:
     return f"static const {kind} {name}[] = {{{', '.join(numbers)}}};\n"
 
 
+_INTEGRATORS = ("RK4", "RK8")  # coarse and fine
 _TABLEAU = ("matrix", "weights", "nodes", "fifth", "third")
 
 
 def _tableaus() -> str:
     text = ""
-    for name in INTEGRATORS:
+    for name in _INTEGRATORS:
         rk = runge_kutta(name)
         for part in _TABLEAU:
             text += _array("double", f"{name}_{part}", getattr(rk, part).ravel())
