@@ -61,7 +61,7 @@ class CompiledProblem:
                 failed = self.native.warm(self._address, rows.address, inputs, start, self._goal, address, self._size)
             if not failed:
                 found = CompiledEquilibrium(self, actuation, loads, numbers, address, perf_counter() - begin)
-                return None if self.left(found) else found
+                return None if start is None and self.left(found) else found
             if failed != Native.TOO_SMALL:
                 return None
             self._size = 2 * int(numbers[Native.NEEDED])

@@ -18,9 +18,7 @@ from ..robot.parameters import Parameter, parameters
 from ..robot.precurvature import PolynomialCurvature, SampledCurvature, along_arc_length
 from .ordering import ENTRY, Key, Order
 from .parametric_loads import ParametricLoads
-from .sections import Configuration
-
-_SAME_POINT = 1e-12  # of the length
+from .sections import SAME_POINT, Configuration
 
 
 class Parametric:
@@ -192,7 +190,7 @@ class Parametric:
         """Break points of the configuration by which loads given as functions are resolved stay where they are."""
         known = np.array(list(self.nominal.values()))
         for k, s in enumerate(self.configuration.break_points):
-            if np.abs(known - s).min() > _SAME_POINT * self.configuration.length:
+            if np.abs(known - s).min() > SAME_POINT * self.configuration.length:
                 self.add(("fixed", k), float(s), float(s), self.length)
 
 

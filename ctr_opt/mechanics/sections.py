@@ -25,8 +25,9 @@ from ..robot.weights import DistributedMass, Gravity, PointMass
 from .loading import Field, LoadKind
 from .resolution import called, resolve
 
-_SAME_POINT = 1e-12  # of the robot's length: closer break points are one point
-_MOST_STEPS = 200  # beyond what sections need: absurd loads shall fail soon, not fill the memory
+SAME_POINT = 1e-12  # of the robot's length: closer break points are one point
+LARGEST_TURN = 1.0  # rad, of a step
+MOST_STEPS = 200  # beyond what sections need: absurd loads shall fail soon, not fill the memory
 _FUNCTION_PARTS = 8  # an interval under a load given as a function is cut into so many steps at least
 
 
@@ -140,7 +141,7 @@ class Configuration:
                 f"loads[{k}]: tube = {tube} is not there: the robot has tubes 0 to {self.tube_count - 1}"
             )
         tube_end = float(self.tube_ends[tube])
-        slack = _SAME_POINT * self.length
+        slack = SAME_POINT * self.length
 
         def inside(field: str, value: float | None) -> float:
             if value is None:
@@ -198,7 +199,7 @@ class Configuration:
                 elif callable(density):
                     points.extend(resolve(density, start, end, f"{name}.{field}"))
         inside = np.unique(np.clip(points, 0.0, self.length))
-        apart = np.diff(inside, prepend=-np.inf) > _SAME_POINT * self.length
+        apart = np.diff(inside, prepend=-np.inf) > SAME_POINT * self.length
         kept = np.asarray(inside[apart])
         kept[-1] = self.length
         return kept
@@ -249,13 +250,13 @@ class Configuration:
         """Which tubes exist at ``s (k,)`` (not a tube's end): ``(k, tubes)``."""
         return np.asarray(np.asarray(s)[:, None] < self.tube_ends)
 
-    def mesh(self, largest_turn: float = 1.0) -> Array:
+    def mesh(self, largest_turn: float = LARGEST_TURN) -> Array:
         """Steps from 0 to ``length`` as rows ``(start, end)``: every section cut so that no step turns much.
 
         A step's turn is estimated from the preset curvatures and loads.
         """
         turns = np.array([(b - a) * self._curvature_bound(float(a), float(b)) for a, b in pairwise(self.break_points)])
-        largest_turn = max(largest_turn, float(turns.sum()) / _MOST_STEPS)
+        largest_turn = max(largest_turn, float(turns.sum()) / MOST_STEPS)
         rows = []
         for start, end, turn in zip(self.break_points, self.break_points[1:], turns, strict=False):
             parts = max(1, int(np.ceil(turn / largest_turn)))

@@ -43,8 +43,6 @@ typedef struct {
 
 enum { REFUSED = 1, NO_MEMORY, TOO_SMALL };
 
-static const double SAME_POINT = 1e-12, LARGEST_TURN = 1.0, MOST_TURN_STEPS = 200.0;
-
 /* -- memory: one arena for each thread, emptied by every call and freed when the thread ends ---------------------------- */
 
 typedef struct Block {
@@ -279,7 +277,7 @@ static int steps_of(Layout *layout, int *parts, double *turns) {
     turns[k] = (end - start) * (preset + couple / stiffness + fmin(lever / stiffness, 2.0 * sqrt(force / stiffness)));
     total += turns[k];
   }
-  const double allowed = fmax(LARGEST_TURN, total / MOST_TURN_STEPS);
+  const double allowed = fmax(LARGEST_TURN, total / MOST_STEPS);
   layout->steps = 0;
   for (int k = 0; k + 1 < layout->breaks; k++) {
     if (!(turns[k] < 1e6 * allowed)) return REFUSED;

@@ -80,6 +80,8 @@ static void fill_span(Case *c, int k, const double *row) {
   }
 }
 
+static const double SOFT = 0.15; /* what is softer, compared with the stiffest tube, makes more of errors */
+
 /* Moments bend and twist what is softest most. */
 static void weigh(Case *c) {
   const int size = column_size(c->track.rk);
@@ -91,9 +93,9 @@ static void weigh(Case *c) {
   }
   double *weight = c->track.weight;
   for (int r = 0; r < NX; r++) weight[r] = 1.0;
-  for (int r = 0; r < 2; r++) weight[AT_BENDING + r] = fmax(1.0, 1.0 / softest);
+  for (int r = 0; r < 2; r++) weight[AT_BENDING + r] = fmax(1.0, SOFT / softest);
   for (int i = 0; i < TUBES; i++)
-    weight[AT_TORSION + i] = fmax(1.0, c->layout->stiffness / c->layout->robot->torsional[i]);
+    weight[AT_TORSION + i] = fmax(1.0, SOFT * c->layout->stiffness / c->layout->robot->torsional[i]);
 }
 
 static int pack(Layout *layout, const Tableau *rk, Case *c) {

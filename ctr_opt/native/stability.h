@@ -2,7 +2,6 @@
    are. Negative: not defined, or the steps are too coarse to tell. */
 
 enum { NOT_TOLD = -1, MANY = 2 * (2 + TUBES), COUNTED = PADDED(MANY) };
-static const double MARGIN = 1e-7;
 
 #if LIVE
 static int unstable_directions(const Case *c, const double *right, int parts, double *margin) { return NOT_TOLD; }

@@ -19,12 +19,14 @@ import numpy as np
 
 from ..mechanics import boundary, rod
 from ..mechanics.loading import LoadKind
+from ..mechanics.sections import LARGEST_TURN, MOST_STEPS, SAME_POINT
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
 from .columns import StepColumns
 from .integrators import runge_kutta
 from .second_variation import second_variation_functions
 from .shooting import shooting_functions
+from .stability import MARGIN
 
 _DRIVER = (
     "trigonometry.h",
@@ -284,7 +286,8 @@ class _Model:
         names |= {f"AT_{name.upper()}": part.start for name, part in State.parts(tubes).items()}
         names |= {f"PART_{name.upper()}": k for k, name in enumerate(sizes)}
         assert layout.size == 1 + names["SHARED"] + names["AT_NODES"] + names["POINT"]
-        text = f"#define BODY {int(self.kind.body)}\n#define LIVE {int(self.kind.live)}\n"
+        text = "".join(f"static const double {name} = {value!r};\n" for name, value in _NUMBERS.items())
+        text += f"#define BODY {int(self.kind.body)}\n#define LIVE {int(self.kind.live)}\n"
         text += f"enum {{ {', '.join(f'{name} = {value}' for name, value in names.items())} }};\n"
         text += _array("int", "PART_SIZE", sizes.values()) + _array("int", "PART_AT_NODES", nodal.values())
         return text + _array("int", "TIP_ROWS", boundary.tip_rows(tubes, self.kind.live))
@@ -300,6 +303,12 @@ INLINE void circle(const double *restrict angles, double *restrict sines, double
 """
 
 
+_NUMBERS = {
+    "SAME_POINT": SAME_POINT,
+    "LARGEST_TURN": LARGEST_TURN,
+    "MOST_STEPS": float(MOST_STEPS),
+    "MARGIN": MARGIN,
+}
 _TUBES = ("bending_stiffness", "torsional_stiffness", "precurvature")
 _SHARED = ("bending_stiffness", "torsional_stiffness", "unit")  # by all nodes of a step
 
