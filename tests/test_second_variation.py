@@ -144,7 +144,7 @@ def soft(seed, rng):
     return Configuration(robot(*tubes, base_pose=random_pose(rng)), actuation, loads)
 
 
-@pytest.mark.parametrize("seeds", [range(0, 6), range(6, 12), range(12, 18), range(18, 24)])
+@pytest.mark.parametrize("seeds", [range(0, 6), range(6, 12)])
 def test_the_energys_reduced_hessian_agrees(seeds):
     counts = Counter()
     for seed in seeds:
@@ -158,7 +158,7 @@ def test_the_energys_reduced_hessian_agrees(seeds):
     assert len(counts) >= 3, counts
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_live_potentials_agree_with_the_energy(seed):
     """Wells and hills along the robot and at a point."""
     rng, p = np.random.default_rng(seed), ca.SX.sym("p", 3)
@@ -174,13 +174,12 @@ def test_live_potentials_agree_with_the_energy(seed):
 
 
 def some_of_each():
-    """Stable ones, saddles of one to six directions; robots of one to three tubes, some with transmissions."""
+    """Stable ones, saddles of one to six directions; robots of one and two tubes, some with transmissions."""
     yield pressed(26.0)
     yield beside(*opposed(12.0))
     yield beside(*opposed(2.0, behind=(0.1, 0.03)))
-    for seed in (1, 2):
-        rng = np.random.default_rng(seed)
-        yield from list(several(soft(seed, rng), rng))[:1]
+    rng = np.random.default_rng(1)
+    yield from list(several(soft(1, rng), rng))[:1]
 
 
 def test_a_hessian_by_differences_agrees():
