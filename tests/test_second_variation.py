@@ -206,7 +206,7 @@ def recount(found, mesh, integrator="RK8"):
     return second_variation(shape.configuration, mesh, stacked(at.state) / shape.unit[:, None], integrator)
 
 
-@pytest.mark.parametrize("seed", [2, 4, 9, 22])
+@pytest.mark.parametrize("seed", [2, 9])
 def test_steps_do_not_matter(seed):
     """Sections whole or in twenty parts, whatever the integrator; a whole robot in one step is cut until it is safe."""
     rng = np.random.default_rng(seed)
