@@ -80,7 +80,7 @@ class CompiledProblem:
         configuration = initial.configuration
         scales = configuration.scales
         unknowns = initial.last_iterate.unknowns(scales, configuration.kind.live)
-        block = np.concatenate((unknowns, jacobian.ravel(), 0.0 * unknowns, [scales.moment, scales.force]))
+        block = np.concatenate((unknowns, jacobian.ravel(), np.zeros_like(unknowns), [scales.moment, scales.force]))
         self._mine.block = block  # kept until the solve is over
         return int(block.ctypes.data)
 
@@ -111,9 +111,7 @@ class CompiledProblem:
         assert rows is not None
         k = self.native.unknowns
         out = np.empty(k * k + 1)
-        failed = self.native.inspect(
-            self._address, rows.address, inputs, of.start - 8 * self.native.header, out.ctypes.data
-        )
+        failed = self.native.inspect(self._address, rows.address, inputs, of.address, out.ctypes.data)
         return None if failed else (out[:-1].reshape(k, k), float(out[-1]))
 
     def stability(self, of: CompiledEquilibrium) -> SecondVariation | None:
@@ -121,8 +119,7 @@ class CompiledProblem:
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
         margin = ctypes.c_double()
-        result = of.start - 8 * self.native.header
-        negative = self.native.stability(self._address, rows.address, inputs, result, margin)
+        negative = self.native.stability(self._address, rows.address, inputs, of.address, margin)
         return None if negative < 0 else SecondVariation(negative, margin.value > 0.0, abs(margin.value))
 
     def _inputs(self, actuation: Actuation, loads: tuple[Load, ...]) -> tuple[LoadRows | None, int]:
@@ -193,14 +190,19 @@ class CompiledEquilibrium(Equilibrium):
         self.sizes = problem.sizes
         self._last = None
         self._rates: dict[int, tuple[Array, Array] | None] = {}
-        self.start = address + 8 * self.sizes[0]
+        self.address = address
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_problem": None}  # the library is of this process
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self.start = self._numbers.ctypes.data + 8 * self.sizes[0]
+        self.address = self._numbers.ctypes.data
+
+    @property
+    def start(self) -> int:
+        """Address of the block that another solve may start from."""
+        return self.address + 8 * self.sizes[0]
 
     @property
     def cold(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from functools import cache
+from functools import cache, partial
 
 from .mechanics.loading import LoadKind
 from .solvers import compilation
@@ -34,7 +34,7 @@ class Library:
     def built(self) -> Native:
         """The library, waited for; raises ``CompilationError`` where there is none."""
         if self._native is None:
-            text = lambda: library_source(*self._arguments)  # noqa: E731
+            text = partial(library_source, *self._arguments)
             self._native = Native(compilation.load(self._name, text, content(*self._arguments)))
         return self._native
 

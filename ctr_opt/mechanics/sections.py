@@ -230,13 +230,6 @@ class Configuration:
         return twist, energy
 
     @property
-    def base_quaternion(self) -> Array:
-        """Orientation of the entry point, ``(w, x, y, z)``."""
-        from scipy.spatial.transform import Rotation
-
-        return np.roll(Rotation.from_matrix(self.robot.base_pose[:3, :3]).as_quat(), 1)
-
-    @property
     def straightening_energy(self) -> float:
         """``1/2 integral of u*_xy^T K_b u*_xy`` over the parts held straight behind the entry point, J."""
         return self._straightening_energy

@@ -34,6 +34,16 @@ def quaternion_rate(q: SymT, u: SymT) -> SymT:
     )
 
 
+def turning(q: SymT) -> SymT:
+    """The changes of a quaternion by unit turns about its own axes, 4 x 3: ``dq = turning(q) phi``, ``dR = R hat(phi)``."""
+    return ca.horzcat(*(quaternion_rate(q, type(q)(ca.DM.eye(3)[:, k])) for k in range(3)))
+
+
+def turn_of(q: SymT) -> SymT:
+    """The turn ``phi`` about its own axes that a change of a quaternion is, 3 x 4; its length does not matter."""
+    return 4 / ca.sumsqr(q) * turning(q).T
+
+
 def turn(psi: SymT, x: SymT, y: SymT) -> tuple[SymT, SymT]:
     """``Rz(psi) (x, y)``."""
     c, s = ca.cos(psi), ca.sin(psi)

@@ -7,7 +7,7 @@
 #endif
 
 enum { /* a result: numbers, then blocks */
-  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_STIFFNESS, R_REFINEMENTS, R_TIED, R_NEEDED, R_COLD, R_FAR,
+  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_REFINEMENTS, R_NEEDED, R_COLD, R_FAR,
   HEADER = 16,
   /* The block that a solve may start from: unknowns, their Jacobian and the tip conditions there by RK4, units. */
   START = NZ + NZ * NZ + NZ + 2,
@@ -52,7 +52,7 @@ static int refine(const Case *first, double *z, double *inverse_, const Goal *go
     double *out = result + HEADER, *mesh = out + START;
     Found found = {.iterations = iterations, .right = mesh + 2 * n, .left = mesh + 2 * n + NX * (n + 1)};
     memcpy(found.z, z, sizeof found.z);
-    int failed = pack(layout, &RK8, &c);
+    int failed = refinements ? 0 : pack(layout, &RK8, &c);
     if (!failed && (refinements || coarse.track.rk != &RK4)) failed = pack(layout, &RK4, &coarse);
     if (!failed) failed = approach(&c, inverse_, NULL, goal, INFINITY, &found);
     if (failed == DIVERGED) {
@@ -76,11 +76,11 @@ static int refine(const Case *first, double *z, double *inverse_, const Goal *go
     }
     if (error > goal->error) {
       layout = finer;
+      c = halves;
       continue;
     }
     linearize(&coarse, z, out + NZ + NZ * NZ, out + NZ, NULL);
-    const double header[] = {iterations, found.residual, error, n, layout->length, layout->stiffness, refinements,
-                             layout->tied, needed, 0.0, far};
+    const double header[] = {iterations, found.residual, error, n, layout->length, refinements, needed, 0.0, far};
     memcpy(result, header, sizeof header);
     memcpy(out, found.z, sizeof found.z);
     out[START - 2] = moment_scale(layout);
@@ -217,14 +217,9 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
 /* The turn of the frame in the world, from a change of the state: R times the body's turn, with that of a tube about the
    tangent. */
 static void pose_rates(const double *x, const double *along, int width, int tube, double *rates_) {
-  double part[3 * PADDED(EVERY)], inner[BEHIND_INNER], outer[BEHIND_OUTER], none[POINT] = {0};
-  behind_slopes(x, none, inner, outer);
+  double part[3 * PADDED(EVERY)], inner[BEHIND_INNER], frame[9];
+  attitude(x, frame, inner);
   apply_turn(inner, along, part, width);
-  const double *q = x + AT_ORIENTATION;
-  const double w = q[0], a = q[1], b = q[2], c = q[3], s = 2.0 / (w * w + a * a + b * b + c * c);
-  const double frame[9] = {1 - s * (b * b + c * c), s * (a * b - w * c), s * (a * c + w * b),
-                           s * (a * b + w * c), 1 - s * (a * a + c * c), s * (b * c - w * a),
-                           s * (a * c - w * b), s * (b * c + w * a), 1 - s * (a * a + b * b)};
   for (int k = 0; k < width; k++) {
     part[2 * width + k] += along[(AT_ANGLES + tube) * width + k];
     for (int r = 0; r < 3; r++) {

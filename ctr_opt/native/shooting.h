@@ -6,10 +6,8 @@ enum {
   ALONG_TORSION = 2,
   ALONG_FORCE_UNKNOWN = 2 + TUBES, /* under live loads only */
   ALONG_ANGLE = NZ,                /* of the tubes, psi(0) */
-  ALONG_TURN = NZ + TUBES,         /* of the entry's frame about its x and y */
-  STABILITY = NZ + TUBES + 2,      /* directions so far */
-  ALONG_FORCE = STABILITY,         /* at the tip, world */
-  ALONG_TRANSLATION = STABILITY + 3,
+  ALONG_FORCE = NZ + TUBES,        /* at the tip, world */
+  ALONG_TRANSLATION = ALONG_FORCE + 3,
   EVERY = ALONG_TRANSLATION + TUBES,
 };
 #define PADDED(width) (((width) + 3) / 4 * 4)
@@ -24,8 +22,8 @@ static void start_state(const Case *c, const double *z, double *x) {
   for (int r = 0; r < 3; r++) x[AT_FORCE + r] = c->force[r] + (LIVE ? z[2 + TUBES + r] : 0.0);
 }
 
-/* How the state at the entry changes along the first `width` directions. */
-INLINE void start_along(const Case *c, const double *z, const double *x, double *along, const int width, const int wanted) {
+/* How the state at the entry changes along the first `wanted` directions: those of the unknowns, or all. */
+INLINE void start_along(const Case *c, const double *z, double *along, const int width, const int wanted) {
   memset(along, 0, sizeof(double) * NX * width);
   for (int r = 0; r < 2; r++) along[(AT_BENDING + r) * width + ALONG_BENDING + r] = 1.0;
   for (int i = 0; i < TUBES; i++) {
@@ -36,11 +34,6 @@ INLINE void start_along(const Case *c, const double *z, const double *x, double 
     for (int r = 0; r < 3; r++) along[(AT_FORCE + r) * width + ALONG_FORCE_UNKNOWN + r] = 1.0;
   if (wanted <= NZ) return;
   for (int i = 0; i < TUBES; i++) along[(AT_ANGLES + i) * width + ALONG_ANGLE + i] = 1.0;
-  const double *q = x + AT_ORIENTATION; /* half the quaternion product with (0, 1, 0, 0) and (0, 0, 1, 0) */
-  const double about[2][4] = {{-q[1], q[0], q[3], -q[2]}, {-q[2], -q[3], q[0], q[1]}};
-  for (int d = 0; d < 2; d++)
-    for (int r = 0; r < 4; r++) along[(AT_ORIENTATION + r) * width + ALONG_TURN + d] = 0.5 * about[d][r];
-  if (wanted <= STABILITY) return;
   for (int r = 0; r < 3; r++) along[(AT_FORCE + r) * width + ALONG_FORCE + r] = 1.0;
   const Layout *layout = c->layout;
   for (int i = 0; i < TUBES; i++) { /* a translation by the unit of length */
@@ -82,25 +75,21 @@ static void force_along(const Case *c, double *along, const int width) {
   }
 }
 
-/* What a sweep with directions leaves: states and directions behind every node, as far as wanted. */
+/* What a sweep with directions leaves: state and directions at the tip, positions' at the nodes if wanted. */
 typedef struct {
   double x[NX];
   double *along;     /* NX x width at the tip */
   double *positions; /* 3 x NZ of every node but the first, or NULL */
-  double *nodes;     /* NX x width behind every node from the first on, or NULL */
-  double *states;    /* NX behind every node from the first on, or NULL */
 } Swept;
 
 INLINE void sweep_along(const Case *c, const double *z, Swept *swept, const int width, const int wanted) {
   const int size = column_size(c->track.rk);
   double *x = swept->x, *along = swept->along;
   start_state(c, z, x);
-  start_along(c, z, x, along, width, wanted);
-  if (wanted > STABILITY) force_along(c, along, width);
+  start_along(c, z, along, width, wanted);
+  if (wanted > NZ) force_along(c, along, width);
   behind_along(c->start, x, along, width);
   for (int k = 0; k <= c->track.steps; k++) {
-    if (swept->nodes) memcpy(swept->nodes + (size_t)k * NX * width, along, sizeof(double) * NX * width);
-    if (swept->states) memcpy(swept->states + (size_t)k * NX, x, sizeof(double) * NX);
     if (k > 0 && swept->positions)
       for (int r = 0; r < 3; r++)
         memcpy(swept->positions + ((size_t)(k - 1) * 3 + r) * NZ, along + (AT_POSITION + r) * width, sizeof(double) * NZ);
@@ -108,8 +97,8 @@ INLINE void sweep_along(const Case *c, const double *z, Swept *swept, const int 
     const double *column = c->columns + (size_t)k * size;
     double ends[2 * TUBES];
     Motion motion = {c->shift + (size_t)k * 3 * TUBES * c->track.rk->stages, ends};
-    if (wanted > STABILITY) step_ends(c->layout, k, ends);
-    advance_along(&c->track, column, c->flags[k], wanted > STABILITY ? &motion : NULL, ALONG_TRANSLATION, x, along,
+    if (wanted > NZ) step_ends(c->layout, k, ends);
+    advance_along(&c->track, column, c->flags[k], wanted > NZ ? &motion : NULL, ALONG_TRANSLATION, x, along,
                   width);
     if (c->flags[k] & LOADED) behind_along(point_data(c->track.rk, column), x, along, width);
   }

@@ -85,6 +85,13 @@ class Robot:
         report_overlaps(self, self.on_overlap, "")
 
     @property
+    def base_quaternion(self) -> Array:
+        """Orientation of the entry point, ``(w, x, y, z)``."""
+        from scipy.spatial.transform import Rotation
+
+        return np.roll(Rotation.from_matrix(self.base_pose[:3, :3]).as_quat(), 1)
+
+    @property
     def overlaps(self) -> list[str]:
         """A sentence for each tube that is wider than the bore of the next one."""
         return [

@@ -42,8 +42,6 @@ class RobotTable:
     """A robot as the compiled solver reads it."""
 
     def __init__(self, robot: Robot) -> None:
-        from scipy.spatial.transform import Rotation
-
         shapes = [tube.shape for tube in robot.tubes]
         degree = max(len(shape.coefficients) for shape in shapes) - 1
         padded = [np.pad(c, ((0, degree + 1 - len(c)), (0, 0), (0, 0))) for c in (s.coefficients for s in shapes)]
@@ -56,7 +54,7 @@ class RobotTable:
             "breaks": np.concatenate([shape.breaks for shape in shapes]),
             "coefficients": np.concatenate([c.transpose(1, 0, 2).ravel() for c in padded]),
             "position": robot.base_pose[:3, 3].copy(),
-            "orientation": np.roll(Rotation.from_matrix(robot.base_pose[:3, :3]).as_quat(), 1).copy(),
+            "orientation": robot.base_quaternion,
         }
         pointers = {name: _pointer(array) for name, array in self._arrays.items()}
         self._struct = _Robot(degree=degree, **pointers)
@@ -123,7 +121,7 @@ class Native:
     """
 
     TOO_SMALL = 3
-    ITERATIONS, RESIDUAL, ERROR, STEPS, LENGTH, STIFFNESS, REFINEMENTS, TIED, NEEDED, COLD = range(10)
+    ITERATIONS, RESIDUAL, ERROR, STEPS, LENGTH, REFINEMENTS, NEEDED, COLD = range(8)
 
     def __init__(self, library: ctypes.CDLL) -> None:
         def function(name: str, *arguments: Any) -> Any:

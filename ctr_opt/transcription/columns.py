@@ -171,7 +171,7 @@ class EntryColumn:
         units = self.units(scales)
         data = {
             "position": pose[:3, 3] * units["position"],
-            "orientation": configuration.base_quaternion,
+            "orientation": configuration.robot.base_quaternion,
             "rotations": configuration.actuation.rotations,
             "twist": configuration.transmission_twist,
             "compliance": configuration.transmission_compliance * units["compliance"],

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, cached_property
 from importlib.resources import files
 from typing import Any
 
@@ -20,7 +20,7 @@ import numpy as np
 from ..mechanics import boundary, rod
 from ..mechanics.loading import LoadKind
 from ..mechanics.sections import LARGEST_TURN, MOST_STEPS, SAME_POINT
-from ..mechanics.so3 import rotation_matrix
+from ..mechanics.so3 import rotation_matrix, turn_of
 from ..mechanics.state import State
 from .columns import StepColumns
 from .integrators import runge_kutta
@@ -144,17 +144,10 @@ class _Model:
         self.point = ca.SX.sym("point", sum(size for name, size in parts.items() if name.startswith("point_")))
         self.column = ca.vertcat(0, *self.data.values(), self.point)
         self.local = self.layout.local(self.column, 0, self.state)
-        q = self.state.orientation
-        #  body-frame turn of a change of the quaternion: dR = R hat(phi)
-        self.turn_of = (2 / ca.sumsqr(q)) * ca.vertcat(
-            ca.horzcat(-q[1], q[0], q[3], -q[2]),
-            ca.horzcat(-q[2], -q[3], q[0], q[1]),
-            ca.horzcat(-q[3], q[2], -q[1], q[0]),
-        )
 
     def routines(self) -> list[_Routine]:
         """Rates, their derivatives, and the effect of a point load."""
-        own = [self._rates(), self._slopes(), self._drift(), self._behind(), self._behind_slopes()]
+        own = [self._rates(), self._slopes(), self._drift(), self._behind(), self._behind_slopes(), self._attitude()]
         own += [self._free(own[0]), self._free(own[1])]
         return own if self.kind.live else [*own, *self._second_variation()]
 
@@ -163,23 +156,26 @@ class _Model:
         size = State.size(self.tubes)
         return "".join(
             (
-                _apply("apply_by_parts", self._by_parts(), [("along", size)], "part"),
-                _apply("apply_slopes", self._outer(), [("along", size), ("part", 5)], "out"),
-                _apply("apply_turn", self._turn_rows(), [("along", size)], "part"),
-                _apply("apply_behind", self._behind_outer(), [("along", size), ("part", 3)], "out"),
+                _apply("apply_by_parts", self._by_parts, [("along", size)], "part"),
+                _apply("apply_slopes", self._outer, [("along", size), ("part", 5)], "out"),
+                _apply("apply_turn", self._turn_rows, [("along", size)], "part"),
+                _apply("apply_behind", self._behind_outer, [("along", size), ("part", 3)], "out"),
             )
         )
 
     def _inputs(self) -> dict[str, Any]:
         return {"x": self.x} | {f"data[{i}]": symbol for i, symbol in enumerate(self.data.values())}
 
+    @cached_property
+    def _rate(self) -> ca.SX:
+        return rod.rates(self.state, self.local).joined()
+
     def _rates(self) -> _Routine:
-        rate = rod.rates(self.state, self.local).joined()
-        return _Routine("rates", self._inputs(), {"rate": rate})
+        return _Routine("rates", self._inputs(), {"rate": self._rate})
 
     def _slopes(self) -> _Routine:
-        outputs = {"rate": rod.rates(self.state, self.local).joined()}
-        outputs |= {"inner": _nonzeros(self._by_parts()), "outer": _nonzeros(self._outer())}
+        outputs = {"rate": self._rate}
+        outputs |= {"inner": _nonzeros(self._by_parts), "outer": _nonzeros(self._outer)}
         return _Routine("slopes", self._inputs(), outputs)
 
     def _free(self, routine: _Routine) -> _Routine:
@@ -190,16 +186,19 @@ class _Model:
         outputs = dict(zip(routine.outputs, values, strict=True))
         return _Routine(f"free_{routine.name}", routine.inputs, outputs)
 
+    @cached_property
     def _turn_rows(self) -> ca.SX:
         rows = ca.SX(3, State.size(self.tubes))
-        rows[:, State.parts(self.tubes)["orientation"]] = self.turn_of
+        rows[:, State.parts(self.tubes)["orientation"]] = turn_of(self.state.orientation)
         return rows
 
+    @cached_property
     def _by_parts(self) -> ca.SX:
         """``(phi, du)`` of a change of the state."""
         bent, _ = rod.curvature(self.state, self.local)
-        return ca.vertcat(self._turn_rows(), ca.jacobian(bent, self.x))
+        return ca.vertcat(self._turn_rows, ca.jacobian(bent, self.x))
 
+    @cached_property
     def _outer(self) -> ca.SX:
         """Change of the rate with the state itself, ``phi`` and ``u``."""
         rate = rod.rates_at(self.state, self.local, self.turned_frame, self.bent).joined()
@@ -215,13 +214,12 @@ class _Model:
 
     def _drift(self) -> _Routine:
         """Change of the rate where a tube's precurvature goes on along the arc length, one column for each tube."""
-        rate = rod.rates(self.state, self.local).joined()
         own, shift = self.data["precurvature"], ca.SX.sym("shift", 3 * self.tubes)
         columns = []
         for i in range(self.tubes):
             seed = ca.SX.zeros(3 * self.tubes)
             seed[3 * i : 3 * i + 3] = shift[3 * i : 3 * i + 3]
-            columns.append(ca.jtimes(rate, own, seed))
+            columns.append(ca.jtimes(self._rate, own, seed))
         inputs = self._inputs() | {"shift": shift}
         return _Routine("drift", inputs, {"change": ca.horzcat(*columns).T})
 
@@ -229,14 +227,20 @@ class _Model:
         load = self.layout.point_load(self.column, self.state)
         return _Routine("behind", {"x": self.x, "point": self.point}, {"y": boundary.jump(self.state, *load).joined()})
 
+    @cached_property
     def _behind_outer(self) -> ca.SX:
         load = self.layout.point_load(self.column, self.state)
         after = boundary.jump_at(self.state, *load, self.turned_frame).joined()
         return self._there(ca.jacobian(after, ca.vertcat(self.x, self.turn)))
 
     def _behind_slopes(self) -> _Routine:
-        outputs = {"inner": _nonzeros(self._turn_rows()), "outer": _nonzeros(self._behind_outer())}
+        outputs = {"inner": _nonzeros(self._turn_rows), "outer": _nonzeros(self._behind_outer)}
         return _Routine("behind_slopes", {"x": self.x, "point": self.point}, outputs)
+
+    def _attitude(self) -> _Routine:
+        """The backbone frame, row by row, and what makes a turn of a change of the state."""
+        frame = rotation_matrix(self.state.orientation).T
+        return _Routine("attitude", {"x": self.x}, {"frame": frame, "inner": _nonzeros(self._turn_rows)})
 
     def _second_variation(self) -> list[_Routine]:
         """The parts of the count of negative directions; directions stand row by row, other matrices by columns."""
@@ -275,10 +279,10 @@ class _Model:
             "SHARED": sum(size for name, size in sizes.items() if not nodal[name]),
             "AT_NODES": sum(size for name, size in sizes.items() if nodal[name]),
             "POINT": self.point.numel(),
-            "INNER": self._by_parts().nnz(),
-            "OUTER": self._outer().nnz(),
-            "BEHIND_INNER": self._turn_rows().nnz(),
-            "BEHIND_OUTER": self._behind_outer().nnz(),
+            "INNER": self._by_parts.nnz(),
+            "OUTER": self._outer.nnz(),
+            "BEHIND_INNER": self._turn_rows.nnz(),
+            "BEHIND_OUTER": self._behind_outer.nnz(),
             "LANES": _lanes(tubes),
             "MOST_UNKNOWNS": State.size(tubes),
             "MOST_STAGES": max(len(runge_kutta(name).nodes) for name in _INTEGRATORS),

@@ -32,7 +32,7 @@ def straight(configuration: Configuration, mesh: Array, points: Array, steps: in
     def states(s: Array) -> Array:
         x = np.zeros((State.size(configuration.tube_count), s.size))
         x[parts["position"]] = pose[:3, 3:] / configuration.length + np.outer(pose[:3, 2], s.ravel(order="F"))
-        x[parts["orientation"]] = configuration.base_quaternion[:, None]
+        x[parts["orientation"]] = configuration.robot.base_quaternion[:, None]
         x[parts["angles"]] = (configuration.actuation.rotations + configuration.transmission_twist)[:, None]
         return x.reshape((len(x), *s.shape), order="F")
 

@@ -75,7 +75,7 @@ class ParametricColumns:
         rotations, moved, turned = of.base
         units = layout.units(self._scales)
         point = self._points(0, 0.0, active=True)
-        base = ca.SX(ca.DM(of.configuration.base_quaternion))
+        base = ca.SX(ca.DM(of.configuration.robot.base_quaternion))
         data = {
             "position": ca.DM(robot.base_pose[:3, 3]) + moved,
             "orientation": quaternion_product(base, quaternion_of_angles(ca.SX(turned))),

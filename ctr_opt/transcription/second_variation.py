@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 
 from ..mechanics.loading import LoadKind
-from ..mechanics.so3 import quaternion_rate
+from ..mechanics.so3 import turn_of, turning
 from ..mechanics.state import State
 from .sharing import shared_by_kind
 from .shooting import shooting_functions
@@ -76,7 +76,7 @@ class SecondVariationFunctions:
         """The directions in state space ``(size, 2 N)`` of unit ``q`` and unit momenta; gauge: ``phi_z = 0``."""
         n, parts, state = self.tubes, State.parts(self.tubes), State.split(x, self.tubes)
         directions = ca.SX(State.size(n), 2 * self.size)
-        directions[parts["orientation"], :2] = _turning(state.orientation)[:, :2]
+        directions[parts["orientation"], :2] = turning(state.orientation)[:, :2]
         directions[parts["bending"], :2] = -_half_axial(state)
         directions[parts["angles"], 2 : self.bent] = ca.SX.eye(n)
         momenta = self.size
@@ -95,8 +95,7 @@ class SecondVariationFunctions:
         """
         parts, state = State.parts(self.tubes), State.split(x, self.tubes)
         own = State.split(directions, self.tubes)
-        turning = _turning(state.orientation)
-        phi = 4.0 / ca.sumsqr(state.orientation) * ca.mtimes(turning.T, own.orientation)
+        phi = turn_of(state.orientation) @ own.orientation
         seen = ca.mtimes(ca.vertcat(-state.bending[1], state.bending[0]), phi[2, :])
         bending = own.bending + seen + ca.mtimes(_half_axial(state), phi[:2, :])
         q = [phi[:2, :], own.angles + ca.repmat(phi[2, :], self.tubes, 1)]
@@ -187,11 +186,6 @@ def _backward(beside: Any, steps: int) -> Any:
     """The steps' matrices, side by side, in reverse."""
     width = beside.shape[1] // steps
     return ca.horzcat(*ca.horzsplit(beside, width)[::-1]) if width else beside
-
-
-def _turning(orientation: Any) -> Any:
-    """The change of a quaternion by unit turns about its own axes, 4 x 3."""
-    return ca.horzcat(*(quaternion_rate(orientation, ca.SX(ca.DM.eye(3)[:, k])) for k in range(3)))
 
 
 def _half_axial(state: State[Any]) -> Any:
