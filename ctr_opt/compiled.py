@@ -53,8 +53,8 @@ class CompiledProblem:
         if rows is None or (start is None and initial is not None):
             return None
         while True:
-            numbers = np.empty(self._size)
-            address = numbers.ctypes.data
+            numbers = (ctypes.c_double * self._size)()  # made and located much faster than an array
+            address = ctypes.addressof(numbers)
             if start is None:
                 failed = self.native.cold(self._address, rows.address, inputs, self._goal, address, self._size)
             else:
@@ -179,13 +179,13 @@ class CompiledEquilibrium(Equilibrium):
         problem: CompiledProblem,
         actuation: Actuation | tuple[Array, Array],
         loads: tuple[Load, ...],
-        numbers: Array,
+        numbers: Array | ctypes.Array[ctypes.c_double],
         address: int,
         solve_time: float,
     ) -> None:
         self._problem: CompiledProblem | None = problem
         self._robot, self._actuation, self._loads = problem.robot, actuation, loads
-        self._numbers = numbers
+        self._held = numbers
         self._time = solve_time
         self.sizes = problem.sizes
         self._last = None
@@ -193,11 +193,15 @@ class CompiledEquilibrium(Equilibrium):
         self.address = address
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_problem": None}  # the library is of this process
+        return self.__dict__ | {"_problem": None, "_held": self._numbers}  # the library is of this process
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self.address = self._numbers.ctypes.data
+
+    @cached_property
+    def _numbers(self) -> Array:
+        return np.asarray(self._held)
 
     @property
     def start(self) -> int:

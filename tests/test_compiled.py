@@ -119,7 +119,7 @@ def test_body_loads_and_weights(tubes):
 def test_a_warm_solve_continues_the_branch():
     """Along two circles of an actuation at which tubes snap, each step from the one before, both ways agree."""
     given = ctr.load_problem("problems/three_tubes/a4.toml")
-    compiled, machine = both(given.robot)
+    compiled, machine = both(given.robot, tolerance=1e-9)
     a, b = compiled.solve(given.actuation), machine.solve(given.actuation)
     for angle in np.linspace(0.0, 1.0, 60):
         actuation = ctr.Actuation(given.actuation.rotations + np.array([0.0, angle, 0.0]), given.actuation.translations)

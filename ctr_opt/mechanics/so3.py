@@ -35,7 +35,7 @@ def quaternion_rate(q: SymT, u: SymT) -> SymT:
 
 
 def turning(q: SymT) -> SymT:
-    """The changes of a quaternion by unit turns about its own axes, 4 x 3: ``dq = turning(q) phi``, ``dR = R hat(phi)``."""
+    """Changes of a quaternion by unit turns about its own axes, 4 x 3: ``dq = T phi``, ``dR = R hat(phi)``."""
     return ca.horzcat(*(quaternion_rate(q, type(q)(ca.DM.eye(3)[:, k])) for k in range(3)))
 
 

@@ -15,7 +15,6 @@ enum { /* a result: numbers, then blocks */
 
 static const int MOST_REFINEMENTS = 3, MOST_CUTS = 3, FEW = 8; /* FEW: sweeps from nearby */
 static const double SAFETY = 10.0; /* the sum of weighted local errors, so multiplied, bounds the error in all tried */
-static const Goal PREDICTED = {INFINITY, 2e-6}; /* what RK4 is asked to predict */
 
 /* What Python must know to read a result. */
 EXPORT int sizes(int *out) {
@@ -37,10 +36,10 @@ static int again(const Robot *robot, const Loads *loads, const double *actuation
 
 /* A solve on ever finer meshes, from z near the solution on that of `first` and the inverse of a Jacobian nearby, until
    the error of positions is below the tolerance: by the sum of local errors or, where that is too large, by half the
-   steps' length. R_ERROR is negative where it is only known to be below. The Jacobian left is that of RK4. `far`: the start
-   was so far away that Broyden's method failed or was slow. */
-static int refine(const Case *first, double *z, double *inverse_, const Goal *goal, int iterations, int far,
-                  double *result, long capacity) {
+   steps' length. R_ERROR is negative where it is only known to be below. The Jacobian left is that of RK4: `near`, if it is
+   known close by, or a new one. `far`: the start was so far away that Broyden's method failed or was slow. */
+static int refine(const Case *first, double *z, double *inverse_, const Tangent *near, const Goal *goal, int iterations,
+                  int far, double *result, long capacity) {
   Case c, halves, coarse = *first;
   Layout *layout = first->layout;
   for (int refinements = 0; refinements <= MOST_REFINEMENTS; refinements++) {
@@ -54,10 +53,11 @@ static int refine(const Case *first, double *z, double *inverse_, const Goal *go
     memcpy(found.z, z, sizeof found.z);
     int failed = refinements ? 0 : pack(layout, &RK8, &c);
     if (!failed && (refinements || coarse.track.rk != &RK4)) failed = pack(layout, &RK4, &coarse);
-    if (!failed) failed = approach(&c, inverse_, NULL, goal, INFINITY, &found);
+    if (!failed) failed = approach(&c, inverse_, goal, INFINITY, &found);
     if (failed == DIVERGED) {
       memcpy(found.z, z, sizeof found.z);
       failed = polish(&c, goal, &found);
+      near = NULL;
       far = 1;
     }
     if (failed) return failed;
@@ -65,7 +65,7 @@ static int refine(const Case *first, double *z, double *inverse_, const Goal *go
     memcpy(z, found.z, sizeof found.z);
     iterations = found.iterations;
     const double rounding = 1e-12 + 1e-15 * size3(layout->robot->position) / layout->length;
-    double error = -SAFETY * found.local - rounding;
+    double error = -SAFETY * found.local - 2.0 * found.left_over - rounding;
     Layout *finer = NULL;
     if (!(-error <= goal->error)) {
       finer = take(sizeof *finer);
@@ -77,9 +77,14 @@ static int refine(const Case *first, double *z, double *inverse_, const Goal *go
     if (error > goal->error) {
       layout = finer;
       c = halves;
+      near = NULL;
       continue;
     }
-    linearize(&coarse, z, out + NZ + NZ * NZ, out + NZ, NULL);
+    Tangent tangent;
+    if (near) shift_to(z, near, &tangent);
+    else linearize_at(&coarse, z, &tangent);
+    memcpy(out + NZ, tangent.jacobian, sizeof tangent.jacobian);
+    memcpy(out + NZ + NZ * NZ, tangent.residual, sizeof tangent.residual);
     const double header[] = {iterations, found.residual, error, n, layout->length, refinements, needed, 0.0, far};
     memcpy(result, header, sizeof header);
     memcpy(out, found.z, sizeof found.z);
@@ -104,24 +109,24 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
   int failed = lay_out(robot, loads, actuation, &layout);
   if (!failed) failed = pack(&layout, &RK4, &coarse);
   if (failed) return failed;
-  double unit[NZ], before[NZ * NZ], left[NZ], inverse_[NZ * NZ];
+  double unit[NZ], before[NZ * NZ], left[NZ], inverse_[NZ * NZ], z[NZ];
+  Tangent near;
   const double *old = start + NZ, *conditions = old + NZ * NZ;
   const double moment = start[START - 2] / moment_scale(&layout), force = start[START - 1] / force_scale(&layout);
-  Found found = {0};
   for (int i = 0; i < NZ; i++) unit[i] = i < 2 + TUBES ? moment : force;
   for (int i = 0; i < NZ; i++) {
-    found.z[i] = start[i] * unit[i];
+    z[i] = start[i] * unit[i];
     left[i] = conditions[i] * unit[i];
     for (int j = 0; j < NZ; j++) before[i * NZ + j] = old[i * NZ + j] * unit[i] / unit[j];
   }
   if (inverse(NZ, before, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
-  failed = approach(&coarse, inverse_, left, &PREDICTED, INFINITY, &found);
-  const int far = failed || found.iterations > FEW;
-  if (failed) { /* perhaps the fine integrator gets there */
-    for (int i = 0; i < NZ; i++) found.z[i] = start[i] * unit[i];
+  int iterations = 0;
+  const int far = predict(&coarse, left, z, inverse_, &near, &iterations);
+  if (far) { /* perhaps the fine integrator gets there */
+    for (int i = 0; i < NZ; i++) z[i] = start[i] * unit[i];
     inverse(NZ, before, inverse_);
   }
-  failed = refine(&coarse, found.z, inverse_, goal, found.iterations, far, result, capacity);
+  failed = refine(&coarse, z, inverse_, far ? NULL : &near, goal, iterations, far, result, capacity);
   if (failed) return failed;
   const double most = result[R_FAR] != 0.0 ? VERY_REGULAR : REGULAR;
   return regular_between(before, result + HEADER + NZ, most) ? 0 : PERHAPS_ANOTHER_BRANCH;
@@ -142,7 +147,7 @@ EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation,
     failed = pack(&layout, ways[k], &c);
     if (!failed) failed = follow(&c, z, jacobian, &iterations);
     if (!failed && inverse(NZ, jacobian, inverse_)) failed = SINGULAR;
-    if (!failed) failed = refine(&c, z, inverse_, goal, iterations, 0, result, capacity);
+    if (!failed) failed = refine(&c, z, inverse_, NULL, goal, iterations, 0, result, capacity);
     if (!failed && !regular_between(jacobian, result + HEADER + NZ, REGULAR)) failed = PERHAPS_ANOTHER_BRANCH;
     if (!failed || failed == TOO_SMALL) break;
   }

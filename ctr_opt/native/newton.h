@@ -9,6 +9,7 @@ typedef struct {
 static const double CONTRACTION = 0.5, MOST_INVERSE = 1e4;
 static const double REGULAR = 0.6, VERY_REGULAR = 0.2; /* the latter after steps that are long for an old Jacobian */
 static const double SMALL_PART = 0.03; /* of the error allowed is what a solve may leave of the correction */
+static const double CLOSE = 1e-3; /* a step so short leaves nothing that matters to a prediction */
 static const double NEARBY = 1e-3, NEARLY = 1e-4; /* a step after which Broyden's method finishes; a residual before its end */
 
 /* z - H r, and the size of the correction. */
@@ -45,7 +46,7 @@ static int regular_between(const double *a, const double *b, double most) {
 /* -- what a solve leaves ----------------------------------------------------------------------------------------------- */
 
 typedef struct {
-  double z[NZ], residual, local; /* local: sum of the steps' local errors, and what is left of the correction */
+  double z[NZ], residual, local, left_over; /* sum of the local errors; what is left of the correction; as positions move */
   int iterations;
   double *right, *left;          /* states behind and before the loads at the nodes */
 } Found;
@@ -61,17 +62,15 @@ static double effect(const Case *c, const double *step) {
   return sqrt(sum);
 }
 
-/* Broyden's method from the inverse of a Jacobian nearby, one sweep an iteration, to where the tip conditions are `wanted`
-   (or zero). `size` is that of the first step allowed; nodes and errors, if asked for, are those of the last sweep. */
-static int approach(const Case *c, double *inverse_, const double *wanted, const Goal *goal, double size, Found *found) {
+/* Broyden's method from the inverse of a Jacobian nearby, one sweep an iteration. `size` is that of the first step allowed;
+   nodes and errors, if asked for, are those of the last sweep. */
+static int approach(const Case *c, double *inverse_, const Goal *goal, double size, Found *found) {
   double residual[NZ], next[NZ], step[NZ], change[NZ], moved[NZ], row[NZ];
   for (int iteration = 0; iteration < 12; iteration++) {
     const int last = iteration > 0 && found->residual < NEARLY; /* probably */
     found->local = 0.0;
     shoot(c, found->z, next, found->right, found->left, last && found->right ? &found->local : NULL);
     found->iterations++;
-    if (wanted)
-      for (int i = 0; i < NZ; i++) next[i] -= wanted[i];
     found->residual = largest(NZ, next);
     if (iteration > 0) {
       double scale = 0.0; /* the step taken is -step */
@@ -84,10 +83,9 @@ static int approach(const Case *c, double *inverse_, const double *wanted, const
           for (int j = 0; j < NZ; j++) inverse_[i * NZ + j] += (step[i] + moved[i]) * row[j] / scale;
     }
     multiply(NZ, NZ, 1, inverse_, next, step);
-    const double left = effect(c, step);
-    if (found->residual <= goal->residual && left <= SMALL_PART * goal->error) {
+    found->left_over = effect(c, step);
+    if (found->residual <= goal->residual && found->left_over <= SMALL_PART * goal->error) {
       if (!last && found->right) shoot(c, found->z, next, found->right, found->left, &found->local);
-      found->local += left;
       return 0;
     }
     memcpy(residual, next, sizeof next);
@@ -109,7 +107,7 @@ static int polish(const Case *c, const Goal *goal, Found *found) {
     const double size = correct(inverse_, residual, found->z);
     if (!(size <= (iteration ? CONTRACTION : 1.0) * before)) return DIVERGED;
     before = size;
-    if (size < NEARBY) return approach(c, inverse_, NULL, goal, size, found);
+    if (size < NEARBY) return approach(c, inverse_, goal, size, found);
   }
   return DIVERGED;
 }
@@ -136,6 +134,44 @@ static int examine(const Case *c, const Case *halves, const double *z, const dou
   }
   *error = 2.0 * most + 1e-12;
   return isfinite(*error) ? 0 : DIVERGED;
+}
+
+/* -- prediction from a neighbour --------------------------------------------------------------------------------------- */
+
+typedef struct {
+  double z[NZ], residual[NZ], jacobian[NZ * NZ];
+} Tangent;
+
+static void linearize_at(const Case *c, const double *z, Tangent *tangent) {
+  memcpy(tangent->z, z, sizeof tangent->z);
+  linearize(c, z, tangent->residual, tangent->jacobian, NULL);
+}
+
+/* The linearization as it is at a point close by. */
+static void shift_to(const double *z, const Tangent *near, Tangent *tangent) {
+  double step[NZ], change[NZ];
+  *tangent = *near;
+  for (int i = 0; i < NZ; i++) step[i] = z[i] - near->z[i];
+  multiply(NZ, NZ, 1, near->jacobian, step, change);
+  for (int i = 0; i < NZ; i++) tangent->residual[i] += change[i];
+}
+
+/* From z near a solution to where the tip conditions are `wanted`: one step with the inverse of an old Jacobian, then
+   Newton's method. Leaves the last linearization, a step before the end, and its inverse. */
+static int predict(const Case *c, const double *wanted, double *z, double *inverse_, Tangent *near, int *iterations) {
+  double residual[NZ], before = 1.0;
+  shoot(c, z, residual, NULL, NULL, NULL);
+  for (*iterations = 1; *iterations < 6; ++*iterations) {
+    for (int i = 0; i < NZ; i++) residual[i] -= wanted[i];
+    const double size = correct(inverse_, residual, z);
+    if (*iterations > 1 && size < CLOSE) return 0;
+    if (!(size <= before)) return DIVERGED;
+    before = CONTRACTION * size;
+    linearize_at(c, z, near);
+    memcpy(residual, near->residual, sizeof residual);
+    if (inverse(NZ, near->jacobian, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
+  }
+  return DIVERGED;
 }
 
 /* -- continuation from the straight robot ------------------------------------------------------------------------------ */

@@ -36,7 +36,7 @@ INLINE void at_node(const Track *track, const double *column, int node, const do
 
 /* The state at the end of a step, before its point load. Estimated size of the local error, if wanted, as DOP853 does:
    from two embedded formulas of lower order. */
-static void advance(const Track *track, const double *column, int flags, double *restrict x, double *error) {
+INLINE void advance_as(const Track *track, const double *column, const int flags, double *restrict x, double *error) {
   const Tableau *rk = track->rk;
   double slope[MOST_STAGES][NX], inner[NX];
   const double length = column[0];
@@ -71,6 +71,11 @@ static void advance(const Track *track, const double *column, int flags, double 
   for (int i = 0; i < rk->stages; i++)
     for (int r = 0; r < end; r++) sum[r] += rk->weights[i] * slope[i][r];
   for (int r = 0; r < end; r++) x[r] += length * sum[r];
+}
+
+static void advance(const Track *track, const double *column, int flags, double *restrict x, double *error) {
+  if (flags & DISTRIBUTED) advance_as(track, column, DISTRIBUTED, x, error); /* constants, for the compiler */
+  else advance_as(track, column, 0, x, error);
 }
 
 /* The state behind the last load, from that at the entry point. `right`, `left` (steps + 1 and steps states, or NULL):

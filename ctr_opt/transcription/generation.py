@@ -168,7 +168,8 @@ class _Model:
 
     @cached_property
     def _rate(self) -> ca.SX:
-        return rod.rates(self.state, self.local).joined()
+        rate: ca.SX = rod.rates(self.state, self.local).joined()
+        return rate
 
     def _rates(self) -> _Routine:
         return _Routine("rates", self._inputs(), {"rate": self._rate})
