@@ -24,7 +24,7 @@ from .sections import SAME_POINT, Configuration
 class Parametric:
     """The configuration with the ``values`` of some parameters, columns of symbols, in the place of its own.
 
-    ``probes`` are arc lengths that are to be break points. Where the order is not known, ``clip`` keeps every break
+    ``probes`` are arc lengths that are to be break points; under that name they may have symbols among the values. Where the order is not known, ``clip`` keeps every break
     point on its tube.
     """
 
@@ -45,8 +45,9 @@ class Parametric:
         self.shapes = [self._shape(i) for i in range(self.tubes)]
         self.loads = ParametricLoads(self)
         self._fix_others()
+        moving = values.get("probes")
         for k, s in enumerate(probes):
-            self.add(("probe", k), s, s, self.length)
+            self.add(("probe", k), s if moving is None else moving[k], s, self.length)
 
     # -- values ----------------------------------------------------------------------------------------------------
 

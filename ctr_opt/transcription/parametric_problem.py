@@ -151,7 +151,7 @@ class Swept:
     """The problem on a mesh in one order, at symbols ``z`` and ``theta``: states at the positions, and the residual.
 
     ``right (size, positions)`` are the states behind the positions, ``left`` those before them, from the second on;
-    ``weights (positions, probes)`` are one where a probe stands.
+    ``weights (positions, marks)`` are one where a mark, mostly a probe, stands.
     """
 
     z: Any
@@ -171,7 +171,8 @@ class Swept:
 class Discretized:
     """A parametric problem on a mesh: every section cut at ``fractions[section]``.
 
-    ``around``: the positions (and side, 0 left or 1 right) at which the data of the equations are wanted.
+    ``around``: the positions (and side, 0 left or 1 right) at which the data of the equations are wanted. ``marks``: the
+    break points whose positions are told by weights; default: the probes.
     """
 
     def __init__(
@@ -182,6 +183,7 @@ class Discretized:
         around: Sequence[tuple[int, int]] = (),
         *,
         integrals: bool = False,
+        marks: Sequence[Key] | None = None,
     ) -> None:
         self.problem = problem
         self.order = order
@@ -198,7 +200,7 @@ class Discretized:
         total = functions.columns.total_force(columns, functions.integrator.weights)
         slopes = ca.horzcat(*(data.slopes(*step, nodes) for step in self.steps)) if integrals else ca.SX(0, 1)
         local = [self._local(data, *place) for place in self.around]
-        probes = [key for key in order.ranks if key[0] == "probe"]
+        probes = [key for key in order.ranks if key[0] == "probe"] if marks is None else marks
         weights = [ca.vertcat(*(order.at(key, k) for k in range(order.sections + 1))) for key in probes]
         energy = data.straightening_energy if integrals else ca.SX(0)
         outputs = [columns, data.entry(total), slopes, energy, ca.horzcat(*local)]

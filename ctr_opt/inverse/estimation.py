@@ -1,0 +1,252 @@
+"""Estimation: unknowns, experiments and a loss, evaluated with derivatives at any values and base moments.
+
+Two ways to the same answer stand on it: ``simultaneous.py``, where every experiment's base moments are unknowns beside
+the parameters, and ``reduced.py``, where the equilibria are solved for at each step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from ..equilibrium import Equilibrium
+from ..errors import DefinitionError, SolveError
+from ..forward import ForwardProblem
+from ..mechanics.sections import Configuration
+from ..robot.checks import Array, choice
+from ..robot.robot import Robot
+from .experiment import Experiment
+from .losses import LOSSES, Loss
+from .measurements import Predicted
+from .model import GroupModel, structure
+from .parameters import Parameter, Unknowns
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is done, how far it is, and how much there is."""
+
+
+@attrs.frozen(eq=False)
+class Linearized:
+    """An experiment at some values: boundary residual and whitened misfit, and their slopes.
+
+    ``*_z`` by the base moments (SI), ``*_x`` by the unknowns ``own`` that act on the experiment.
+    """
+
+    residual: Array
+    residual_z: Array
+    residual_x: Array
+    misfit: Array
+    misfit_z: Array
+    misfit_x: Array
+    own: Array
+
+    def reduced(self) -> Array:
+        """Slopes of the misfit by the unknowns, the robot staying in equilibrium: implicit-function theorem."""
+        return np.asarray(self.misfit_x - self.misfit_z @ np.linalg.solve(self.residual_z, self.residual_x))
+
+
+@attrs.frozen(eq=False)
+class _Layout:
+    """How an experiment enters: its group, the parameters acting on it, and the blocks of its misfit."""
+
+    group: int
+    names: tuple[str, ...]
+    blocks: tuple[tuple[int, int, int], ...]
+    """Where each block starts in the misfit, its size, and the measurement it belongs to."""
+
+
+@attrs.frozen(eq=False)
+class _Group:
+    """Experiments that one model serves: their numbers ``start (E, k)`` at the initial values, and ``d numbers / dx``.
+
+    ``mixing (E, k, own)`` by the unknowns ``own (E, j)`` acting on each; ``active`` are the numbers that they move.
+    """
+
+    model: GroupModel
+    members: list[int]
+    start: Array
+    own: NDArray[np.intp]
+    mixing: Array
+    active: NDArray[np.intp]
+
+
+class Estimation:
+    """An estimation problem, ready to be evaluated."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        experiments: Sequence[Experiment],
+        wanted: Iterable[str | Parameter],
+        loss: str,
+        tolerance: float,
+    ) -> None:
+        self.robot = robot
+        self.experiments = _checked(robot, experiments)
+        self.loss = choice(loss, "loss", LOSSES)
+        self.tolerance = tolerance
+        self.unknowns = Unknowns(robot, [(each.actuation, each.loads) for each in self.experiments], wanted)
+        scaled = {measurement.scaled for each in self.experiments for measurement in each.measurements}
+        if scaled == {True, False}:
+            raise DefinitionError("sigma: give it for all measurements, or for none")
+        self.scaled = scaled == {True}
+        if not self.scaled and loss in ("huber", "cauchy"):
+            raise DefinitionError(f"loss = {loss!r} needs the sigma of every measurement, to tell what is an outlier")
+        self.layouts = self._layouts()
+        self.losses = {size: Loss(self.loss, size) for size in {b[1] for each in self.layouts for b in each.blocks}}
+        self._models: list[_Group] = []
+
+    # -- structure -------------------------------------------------------------------------------------------------
+
+    def _layouts(self) -> list[_Layout]:
+        groups: dict[Any, int] = {}
+        layouts = []
+        for k, each in enumerate(self.experiments):
+            names = tuple(dict.fromkeys(name for name, _, _ in self.unknowns.acting(k)))
+            key = (structure(self.robot, each.actuation, each.loads, each.requests), names)
+            group = groups.setdefault(key, len(groups))
+            layouts.append(_Layout(group, names, _blocks(each)))
+        return layouts
+
+    def members(self, group: int) -> list[int]:
+        """The experiments of a group."""
+        return [k for k, layout in enumerate(self.layouts) if layout.group == group]
+
+    @property
+    def groups(self) -> int:
+        """How many groups of experiments there are."""
+        return 1 + max(layout.group for layout in self.layouts)
+
+    # -- equilibria ------------------------------------------------------------------------------------------------
+
+    def equilibria(
+        self, x: Array, before: Sequence[Equilibrium | None] | None = None, progress: Progress | None = None
+    ) -> list[Equilibrium]:
+        """The experiments' equilibria at some values, each from the one ``before`` or from nothing."""
+        problem = ForwardProblem(self.unknowns.robot_at(x), tolerance=self.tolerance)
+        found: list[Equilibrium] = []
+        for k, each in enumerate(self.experiments):
+            start = None if before is None else before[k]
+            try:
+                found.append(problem.solve(*self.unknowns.experiment_at(x, k), initial=start))
+            except SolveError as error:
+                raise SolveError(f"experiment {each.name or k}: {error}", error.result) from None
+            if progress is not None:
+                progress("equilibria", k + 1, len(self.experiments))
+        return found
+
+    def prepare(self, equilibria: Sequence[Equilibrium]) -> None:
+        """Build the groups' models, with as many steps in each section as any of the equilibria needed."""
+        if self._models:
+            return
+        for group in range(self.groups):
+            members = self.members(group)
+            steps = max(_steps(equilibria[k]) for k in members[:: max(1, len(members) // 100)])
+            first = members[0]
+            configuration = Configuration(self.robot, equilibria[first].actuation, self.experiments[first].loads)
+            asked = self.experiments[first].requests
+            self._models.append(self._group(GroupModel(configuration, asked, self.layouts[first].names, steps), members))
+
+    def _group(self, model: GroupModel, members: list[int]) -> _Group:
+        start, own, mixing = [], [], []
+        initial = self.unknowns.initial
+        values = {name: np.asarray(value) for name, value in self.unknowns.robot_numbers(initial).items()}
+        for k in members:
+            actuation, loads = self.unknowns.experiment_at(initial, k)
+            start.append(model.numbers(values, actuation, loads, self.experiments[k].requests))
+            rows = model.moved(self.unknowns.acting(k), self.unknowns.size)
+            own.append(np.flatnonzero(rows.any(axis=0)))
+            mixing.append(rows[:, own[-1]])
+        return _Group(model, members, np.array(start), np.array(own), np.array(mixing), np.array(model.active))
+
+    # -- evaluation ------------------------------------------------------------------------------------------------
+
+    def linearize(self, x: Array, moments: Sequence[Array]) -> list[Linearized]:
+        """All experiments at some values and base moments."""
+        found: list[Linearized | None] = [None] * len(self.experiments)
+        for model in self._models:
+            theta = model.start + np.einsum("ekj,ej->ek", model.mixing, x[model.own] - self.unknowns.initial[model.own])
+            residuals, predictions, slopes = model.model.evaluate(np.array([moments[k] for k in model.members]), theta)
+            for e, k in enumerate(model.members):
+                found[k] = self._linearized(k, model, e, residuals[e], slopes[e], predictions[e])
+        return [each for each in found if each is not None]
+
+    def _linearized(
+        self, k: int, group: _Group, e: int, residual: Array, slopes: Array, predictions: list[Predicted]
+    ) -> Linearized:
+        n, mix = group.model.unknowns, group.mixing[e][group.active]
+        misfit, jacobian, start = [], [], 0
+        for each in self.experiments[k].measurements:
+            count = len(each.requests)
+            value, rates = each.compare(predictions[start : start + count])
+            start += count
+            misfit.append(np.einsum("bij,bj->bi", each.whitener, value).ravel())
+            jacobian.append(np.einsum("bij,bjk->bik", each.whitener, rates).reshape(-1, rates.shape[2]))
+        told, told_slopes = np.concatenate(misfit), np.vstack(jacobian)
+        return Linearized(
+            residual,
+            slopes[:, :n],
+            slopes[:, n:] @ mix,
+            told,
+            told_slopes[:, :n],
+            told_slopes[:, n:] @ mix,
+            group.own[e],
+        )
+
+    def cost(self, linearized: Sequence[Linearized]) -> float:
+        """The loss of the misfits, without priors."""
+        return float(sum(self.block_losses(k, each.misfit)[0].sum() for k, each in enumerate(linearized)))
+
+    def block_losses(self, k: int, misfit: Array) -> tuple[Array, Array, Array]:
+        """``rho``, ``rho'`` and ``rho''`` of each block of an experiment."""
+        blocks = self.layouts[k].blocks
+        squared = [float(misfit[start : start + size] @ misfit[start : start + size]) for start, size, _ in blocks]
+        parts = [self.losses[size].evaluate(s) for s, (_, size, _) in zip(squared, blocks, strict=True)]
+        rho, first, second = np.array(parts).T
+        return rho, first, second
+
+    def prior_cost(self, x: Array) -> float:
+        """Half the squared deviations from the priors."""
+        mean, sigma = self.unknowns.prior
+        return 0.5 * float(np.sum(((x - mean) / sigma) ** 2))
+
+
+def _checked(robot: Any, experiments: Any) -> list[Experiment]:
+    if not isinstance(robot, Robot):
+        raise DefinitionError(f"robot = {robot!r} must be a Robot")
+    given = list(experiments)
+    if not given:
+        raise DefinitionError("experiments = [] must hold at least one experiment")
+    for k, each in enumerate(given):
+        if not isinstance(each, Experiment):
+            raise DefinitionError(f"experiments[{k}] = {each!r} must be an Experiment")
+        if len(each.actuation.rotations) != len(robot.tubes):
+            raise DefinitionError(
+                f"experiments[{k}]: actuation is of {len(each.actuation.rotations)} tubes, but the robot has "
+                f"{len(robot.tubes)}"
+            )
+        for measurement in each.measurements:
+            measurement.check(len(robot.tubes))
+    return given
+
+
+def _blocks(experiment: Experiment) -> tuple[tuple[int, int, int], ...]:
+    blocks, start = [], 0
+    for j, each in enumerate(experiment.measurements):
+        count, size = each.shape
+        for _ in range(count):
+            blocks.append((start, size, j))
+            start += size
+    return tuple(blocks)
+
+
+def _steps(equilibrium: Equilibrium) -> int:
+    """The most steps that the solve needed in any section."""
+    solved = equilibrium.solved()
+    sections = np.searchsorted(solved.configuration.break_points, solved.mesh[:, 0], side="right")
+    return int(np.bincount(sections).max())
+

@@ -1,0 +1,425 @@
+"""What was measured on a robot in equilibrium, with covariances: positions, poses, tangents, curvatures, torques.
+
+A measurement says which predictions it needs and where (``requests``), and turns them into whitened residuals in
+``blocks``: a point is a block of three numbers, whose norm a robust loss sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, Protocol, TypeAlias
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.checks import ARRAY_EQ, Array, array, index, number
+
+
+@attrs.frozen
+class Distal:
+    """The distal end of a tube, wherever it is: it moves with the tube's translation and length.
+
+    >>> Distal(1)
+    Distal(tube=1)
+    """
+
+    tube: int = attrs.field(converter=lambda value: index(value, "tube"))
+
+
+Place: TypeAlias = "float | Distal | None"
+"""An arc length from the entry point, m; the end of a tube; or None, the tip."""
+
+
+@attrs.frozen
+class Request:
+    """A prediction that is needed: a ``kind`` (``"pose"``, ``"curvature"``, ``"torque"``), of a ``tube``, at a place."""
+
+    kind: str
+    place: Place = None
+    tube: int | None = None
+
+
+@attrs.frozen(eq=False)
+class Predicted:
+    """A prediction and its derivatives: of a pose (4, 4) six rates, position and world angular velocity."""
+
+    value: Array
+    slopes: Array
+
+
+class Measurement(Protocol):
+    """What all measurements can tell."""
+
+    def check(self, tubes: int) -> None:
+        """Raise ``DefinitionError`` where a tube is named that a robot with so many does not have."""
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """The predictions that are needed."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """How many blocks of residuals of which size."""
+
+    @property
+    def whitener(self) -> Array:
+        """``(blocks, size, size)``: by what residuals are multiplied to have unit covariance."""
+
+    @property
+    def scaled(self) -> bool:
+        """Whether a noise level was given."""
+
+    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """Predicted minus measured ``(blocks, size)``, SI, and the derivatives ``(blocks, size, k)``."""
+
+
+def _places(value: Any) -> tuple[Place, ...]:
+    """One place or several."""
+    if value is None or isinstance(value, Distal):
+        return (value,)
+    if isinstance(value, (list, tuple)) and any(item is None or isinstance(item, Distal) for item in value):
+        return tuple(item if item is None or isinstance(item, Distal) else _length(item) for item in value)
+    if np.ndim(value) == 0:
+        return (_length(value),)
+    return tuple(_length(item) for item in array(value, "arc_length", (None,), unit="m"))
+
+
+def _length(value: Any) -> float:
+    return number(value, "arc_length", least=0.0, unit="m")
+
+
+def whitening(sigma: Any, blocks: int, size: int, field: str = "sigma") -> Array:
+    """``(blocks, size, size)`` from a standard deviation, one for each axis, or covariances of all or of each block.
+
+    A number is a standard deviation of every component, ``(size,)`` are those of the axes, ``(size, size)`` is a
+    covariance, ``(blocks, size, size)`` are covariances.
+    """
+    if np.ndim(sigma) == 0:
+        deviation = number(sigma, field, above=0.0)
+        return np.broadcast_to(np.eye(size) / deviation, (blocks, size, size))
+    given = array(sigma, field, (None,) * np.ndim(sigma))
+    if given.shape == (size,):
+        if not (given > 0.0).all():
+            raise DefinitionError(f"{field} = {given.tolist()} must be positive, one for each axis")
+        return np.broadcast_to(np.diag(1.0 / given), (blocks, size, size))
+    if given.shape not in ((size, size), (blocks, size, size)):
+        raise DefinitionError(
+            f"{field} has shape {given.shape}, but must be a number, have shape ({size},), or hold covariances of "
+            f"shape ({size}, {size}) or ({blocks}, {size}, {size})"
+        )
+    try:
+        if not np.allclose(given, np.swapaxes(given, -1, -2), rtol=1e-6, atol=0.0):
+            raise np.linalg.LinAlgError
+        factor = np.linalg.cholesky(given)
+    except np.linalg.LinAlgError:
+        raise DefinitionError(f"{field}: a covariance must be symmetric and positive definite") from None
+    return np.broadcast_to(np.linalg.inv(factor), (blocks, size, size))
+
+
+class _Measured:
+    """What measurements share: ``whitener`` and whether a noise level was given."""
+
+    @property
+    def scaled(self) -> bool:
+        """Whether a noise level was given."""
+        return self.sigma is not None  # type: ignore[attr-defined,no-any-return]
+
+    @cached_property
+    def whitener(self) -> Array:
+        """By what residuals are multiplied to have unit covariance; where no noise level is given, by one over one."""
+        sigma = self.sigma if self.scaled else self._unit  # type: ignore[attr-defined]
+        return whitening(sigma, *self.shape)  # type: ignore[attr-defined]
+
+    _unit = 1e-3  # SI: residuals without a noise level are told in mm, mrad and so on
+
+    def check(self, tubes: int) -> None:
+        """Raise ``DefinitionError`` for a tube that a robot with so many does not have."""
+        for request in self.requests:  # type: ignore[attr-defined]
+            for tube in (request.tube, request.place.tube if isinstance(request.place, Distal) else None):
+                if tube is not None:
+                    index(tube, "tube", tubes)
+
+
+@attrs.frozen(eq=False, slots=False)
+class PositionMeasurement(_Measured):
+    """Measured positions of backbone points.
+
+    Parameters
+    ----------
+    arc_length
+        Where: an arc length from the entry point, m; ``None``, the tip; ``Distal(tube)``, that tube's end (both move
+        when translations or offsets are unknown); or a list of such places.
+    position
+        ``(3,)``, m, world frame; ``(k, 3)`` for k places.
+    sigma
+        Standard deviation, m: a number, one for each axis ``(3,)``, or covariances ``(3, 3)`` or ``(k, 3, 3)``. None: the
+        noise level is unknown and estimated from the residuals.
+
+    Examples
+    --------
+    >>> PositionMeasurement(None, [0.01, 0.0, 0.12], sigma=0.5e-3).shape
+    (1, 3)
+    """
+
+    arc_length: tuple[Place, ...] = attrs.field(converter=_places)
+    position: Array = attrs.field(eq=ARRAY_EQ)
+    sigma: Any = None
+
+    def __attrs_post_init__(self) -> None:
+        given = array(self.position, "position", (None,) * np.ndim(self.position), unit="m")
+        if given.shape not in ((3,), (len(self.arc_length), 3)) or (given.ndim == 1 and len(self.arc_length) != 1):
+            raise DefinitionError(
+                f"position has shape {given.shape}, but must have shape ({len(self.arc_length)}, 3), a row for each "
+                "arc length"
+            )
+        object.__setattr__(self, "position", given.reshape(-1, 3))
+        _ = self.whitener
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """Poses at the places."""
+        return tuple(Request("pose", place) for place in self.arc_length)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Points, and three coordinates."""
+        return len(self.arc_length), 3
+
+    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """Distances to the points, and derivatives."""
+        values = np.array([each.value[:3, 3] for each in found]) - self.position
+        return values, np.array([each.slopes[:3] for each in found])
+
+
+@attrs.frozen(eq=False, slots=False)
+class PoseMeasurement(_Measured):
+    """A measured pose, as of an electromagnetic sensor: position and orientation of a tube's material frame.
+
+    Parameters
+    ----------
+    arc_length
+        As in :class:`PositionMeasurement`, one place.
+    pose
+        ``(4, 4)``, world frame.
+    sigma
+        Standard deviations ``(6,)`` of position (m) and rotation (rad, about the world's axes), a covariance ``(6, 6)``, or
+        None.
+    tube
+        Whose frame it is; None: the innermost tube's that is there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> PoseMeasurement(None, np.eye(4), sigma=[1e-3] * 3 + [0.01] * 3).shape
+    (1, 6)
+    """
+
+    arc_length: tuple[Place, ...] = attrs.field(converter=_places)
+    pose: Array = attrs.field(converter=lambda value: array(value, "pose", (4, 4)))
+    sigma: Any = None
+    tube: int | None = None
+
+    def __attrs_post_init__(self) -> None:
+        frame = self.pose[:3, :3]
+        if np.abs(frame.T @ frame - np.eye(3)).max() > 1e-6 or np.linalg.det(frame) < 0.0:
+            raise DefinitionError("pose: the upper left 3 x 3 block is no rotation (allowed: 1e-6)")
+        _ = self.whitener
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """The pose."""
+        return (Request("pose", self.arc_length[0], self.tube),)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Six numbers."""
+        return 1, 6
+
+    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """Difference of positions, and the rotation vector from the measured to the predicted frame."""
+        from scipy.spatial.transform import Rotation
+
+        value, slopes = found[0].value, found[0].slopes
+        turned = Rotation.from_matrix(value[:3, :3] @ self.pose[:3, :3].T).as_rotvec()
+        rates = np.vstack((slopes[:3], inverse_left_jacobian(turned) @ slopes[3:]))
+        return np.concatenate((value[:3, 3] - self.pose[:3, 3], turned))[None], rates[None]
+
+
+def inverse_left_jacobian(vector: Array) -> Array:
+    """Takes an angular velocity to the rate of the rotation vector: ``d log(R)`` of ``dR = hat(w) R``."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector
+    hat = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-4:  # the series' next term is below 1e-18
+        factor = 1.0 / 12.0 + angle**2 / 720.0
+    else:
+        factor = (1.0 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2
+    return np.asarray(np.eye(3) - 0.5 * hat + factor * hat @ hat)
+
+
+@attrs.frozen(eq=False, slots=False)
+class TangentMeasurement(_Measured):
+    """A measured direction of the backbone's tangent, as of a sensor with five degrees of freedom.
+
+    Parameters
+    ----------
+    arc_length
+        As in :class:`PositionMeasurement`, one place.
+    direction
+        ``(3,)``, world frame, of any length.
+    sigma
+        Standard deviation of the angle, rad, about every axis across the tangent; or None.
+
+    Examples
+    --------
+    >>> TangentMeasurement(None, [0.0, 0.0, 2.0], sigma=0.01).direction.tolist()
+    [0.0, 0.0, 1.0]
+    """
+
+    arc_length: tuple[Place, ...] = attrs.field(converter=_places)
+    direction: Array = attrs.field(converter=lambda value: array(value, "direction", (3,)))
+    sigma: float | None = None
+
+    def __attrs_post_init__(self) -> None:
+        size = float(np.linalg.norm(self.direction))
+        if size == 0.0:
+            raise DefinitionError("direction = [0, 0, 0] must not be zero")
+        object.__setattr__(self, "direction", self.direction / size)
+        _ = self.whitener
+
+    @cached_property
+    def _across(self) -> Array:
+        """Two axes across the measured direction, ``(2, 3)``."""
+        return np.asarray(np.linalg.svd(self.direction[None])[2][1:])
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """The pose."""
+        return (Request("pose", self.arc_length[0]),)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Two angles."""
+        return 1, 2
+
+    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """The predicted tangent across the measured one, scaled to the angle between them, and derivatives."""
+        tangent, slopes = found[0].value[:3, 2], found[0].slopes
+        across, along = self._across @ tangent, float(self.direction @ tangent)
+        sine = float(np.linalg.norm(across))
+        moved = np.cross(slopes[3:].T, tangent).T
+        if sine < 1e-6:  # the angle is the sine, up to its third power
+            return across[None], (self._across @ moved)[None]
+        angle = np.arctan2(sine, along)
+        unit = across / sine
+        of_sine = unit @ self._across @ moved
+        of_angle = along * of_sine - sine * (self.direction @ moved)
+        change = np.outer(unit, of_angle) + angle / sine * (self._across @ moved - np.outer(unit, of_sine))
+        return (angle * unit)[None], change[None]
+
+
+@attrs.frozen(eq=False, slots=False)
+class CurvatureMeasurement(_Measured):
+    """Measured curvature of a tube, as of a fibre with Bragg gratings in it, in that tube's material frame.
+
+    Parameters
+    ----------
+    arc_length
+        Where: arc lengths, ends of tubes or None, the tip; one place or several.
+    curvature
+        ``(2,)`` or ``(k, 2)``, 1/m: ``u_x, u_y``; with a third column also the tube's ``u_z``.
+    sigma
+        As in :class:`PositionMeasurement`, 1/m.
+    tube
+        The tube that carries the fibre.
+
+    Examples
+    --------
+    >>> CurvatureMeasurement([0.02, 0.04], [[5.0, 0.0], [5.5, 0.1]], sigma=0.1).shape
+    (2, 2)
+    """
+
+    arc_length: tuple[Place, ...] = attrs.field(converter=_places)
+    curvature: Array = attrs.field(eq=ARRAY_EQ)
+    sigma: Any = None
+    tube: int = attrs.field(default=0, converter=lambda value: index(value, "tube"))
+
+    _unit = 1.0
+
+    def __attrs_post_init__(self) -> None:
+        given = np.atleast_2d(array(self.curvature, "curvature", (None,) * np.ndim(self.curvature), unit="1/m"))
+        if given.shape not in ((len(self.arc_length), 2), (len(self.arc_length), 3)):
+            raise DefinitionError(
+                f"curvature has shape {given.shape}, but must have shape ({len(self.arc_length)}, 2) or "
+                f"({len(self.arc_length)}, 3), a row for each arc length"
+            )
+        object.__setattr__(self, "curvature", given)
+        _ = self.whitener
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """Curvatures at the places."""
+        return tuple(Request("curvature", place, self.tube) for place in self.arc_length)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Places, and two or three numbers."""
+        return self.curvature.shape[0], self.curvature.shape[1]
+
+    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """Differences of the curvatures, and derivatives."""
+        size = self.curvature.shape[1]
+        values = np.array([each.value[:size] for each in found]) - self.curvature
+        return values, np.array([each.slopes[:size] for each in found])
+
+
+@attrs.frozen(eq=False, slots=False)
+class TorqueMeasurement(_Measured):
+    """A measured torque of an actuator on a tube's base, N m, about +z of the entry frame.
+
+    Parameters
+    ----------
+    tube
+        The tube.
+    torque
+        N m, as :meth:`Equilibrium.actuator_wrench <ctr_opt.Equilibrium.actuator_wrench>` gives it.
+    sigma
+        Standard deviation, N m, or None.
+
+    Examples
+    --------
+    >>> TorqueMeasurement(0, 1.5e-3, sigma=1e-4).shape
+    (1, 1)
+    """
+
+    tube: int = attrs.field(converter=lambda value: index(value, "tube"))
+    torque: float = attrs.field(converter=lambda value: number(value, "torque", unit="N m"))
+    sigma: float | None = None
+
+    def __attrs_post_init__(self) -> None:
+        _ = self.whitener
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """The torque."""
+        return (Request("torque", None, self.tube),)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """One number."""
+        return 1, 1
+
+    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """Difference of the torques, and derivatives."""
+        return found[0].value.reshape(1, 1) - self.torque, found[0].slopes.reshape(1, 1, -1)
+
+
+MEASUREMENTS = (
+    PositionMeasurement,
+    PoseMeasurement,
+    TangentMeasurement,
+    CurvatureMeasurement,
+    TorqueMeasurement,
+)

@@ -1,0 +1,230 @@
+"""The model of experiments of one kind, symbolically: residual and predictions, and their derivatives by what acts.
+
+Experiments whose loads and measurements have the same structure differ by numbers alone, so that one CasADi function
+serves them all: break points are sorted inside, and its unknowns are the base moments and what the numbers are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from functools import cached_property
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from ..mechanics.loading import material_frame
+from ..mechanics.sections import Configuration
+from ..mechanics.state import State
+from ..robot.actuation import Actuation
+from ..robot.checks import Array
+from ..robot.loads import Load, LoadTable
+from ..robot.parameters import Parameter, parameters
+from ..robot.robot import Robot
+from ..transcription.parametric_problem import Discretized, ParametricProblem
+from .measurements import Distal, Predicted, Request
+
+SIZES = {"pose": 12, "curvature": 3, "torque": 1}
+_PROBES = "probes"
+_INTEGRATOR = "RK8"
+
+
+def structure(robot: Robot, actuation: Actuation, loads: Sequence[Load], requests: Sequence[Request]) -> Hashable:
+    """Equal for experiments that one function serves."""
+    known = parameters(robot, actuation, loads)
+    own = tuple(_structure(load, f"loads[{k}].", known) for k, load in enumerate(loads))
+    asked = tuple(attrs.evolve(r, place="s" if isinstance(r.place, float) else r.place) for r in requests)
+    return own, asked
+
+
+def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable:
+    parts: list[Hashable] = [type(load)]
+    for field in attrs.fields(type(load)):
+        value = getattr(load, field.name)
+        parameter = known.get(prefix + field.name)
+        if parameter is not None and not parameter.idle:
+            knots = value.arc_length.tobytes() if isinstance(value, LoadTable) else None
+            parts.append((field.name, parameter.value.shape, knots))
+        elif isinstance(value, np.ndarray):
+            parts.append((field.name, value.tobytes()))
+        else:
+            parts.append((field.name, value if isinstance(value, (str, int, float, bool, type(None))) else id(value)))
+    return tuple(parts)
+
+
+class GroupModel:
+    """Residual and predictions of experiments with the structure of a configuration.
+
+    ``acting`` are the names of the robot's and loads' parameters, ``"rotations"`` and ``"translations"``, by which
+    derivatives are wanted.
+    """
+
+    def __init__(
+        self, configuration: Configuration, requests: Sequence[Request], acting: Sequence[str], steps: int
+    ) -> None:
+        self.configuration = configuration
+        self.requests = list(requests)
+        self.acting = list(acting)
+        known = parameters(configuration.robot, configuration.actuation, configuration.loads)
+        of_loads = [name for name, each in known.items() if name.startswith("loads[") and not each.idle]
+        data = ["rotations", "translations", *of_loads]
+        places = np.array([r.place for r in self.requests if isinstance(r.place, float)])
+        self._data = [known[name] for name in data]
+        probes = [Parameter(_PROBES, places)] if len(places) else []
+        own = [known[name] for name in self.acting if name not in data]
+        self.problem = ParametricProblem(
+            configuration, [*own, *self._data, *probes], _INTEGRATOR, places.tolist(), clip=True
+        )
+        order = self.problem.sorted()
+        cuts = [np.linspace(0.0, 1.0, steps + 1)] * order.sections
+        around = [(k, 1) for k in range(order.sections)] + [(order.sections, 0)] if self._curved else []
+        self._discretized = Discretized(self.problem, order, cuts, around, marks=self._marks())
+        scales = configuration.scales
+        self._unit = scales.unknowns(configuration.tube_count, configuration.kind.live)
+        self.unknowns = len(self._unit)
+
+    @property
+    def _curved(self) -> bool:
+        return any(request.kind == "curvature" for request in self.requests)
+
+    def _marks(self) -> list[Any]:
+        """The break points where predictions are wanted, but for the tip."""
+        marks, probe = [], 0
+        for request in self.requests:
+            if isinstance(request.place, Distal):
+                marks.append(self.problem.parametric.tube_end(request.place.tube))
+            elif request.place is not None:
+                marks.append(("probe", probe))
+                probe += 1
+        return marks
+
+    @cached_property
+    def active(self) -> list[int]:
+        """The numbers by which there are derivatives, behind those by the unknowns."""
+        parts = self.problem.parts
+        return [k for name in self.acting for k in range(parts[name].start, parts[name].stop)]
+
+    def moved(self, acting: Sequence[tuple[str, int, Array]], unknowns: int) -> Array:
+        """``d numbers / dx (k, unknowns)``, from :meth:`Unknowns.acting <ctr_opt.inverse.parameters.Unknowns.acting>`."""
+        rows = np.zeros((int(self.problem.theta.shape[0]), unknowns))
+        for name, first, part in acting:
+            start = self.problem.parts[name].start + first
+            rows[start : start + len(part)] += part
+        return rows
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """``(z, theta) -> (residual, values, their derivatives)``, SI."""
+        count, active = int(self.problem.theta.shape[0]), self.active
+        z, theta = ca.MX.sym("z", self.unknowns), ca.MX.sym("theta", count)
+        moved = ca.MX.sym("moved", self.unknowns + len(active))
+        full = ca.MX(theta)
+        if active:
+            full[active] = moved[self.unknowns :]
+        swept = self._discretized.swept(moved[: self.unknowns] / self._unit, full)
+        told = ca.vertcat(swept.residual * self._unit, *self._values(swept))
+        slopes = ca.Function("slopes", [moved, theta], [told, ca.densify(ca.jacobian(told, moved))])
+        at = ca.vertcat(z, theta[active]) if active else z
+        value, jacobian = slopes(at, theta)
+        return ca.Function("model", [z, theta], [value, jacobian], ["z", "theta"], ["told", "slopes"])
+
+    def _values(self, swept: Any) -> list[Any]:
+        configuration = self.configuration
+        tubes, length = configuration.tube_count, configuration.scales.length
+        found, mark = [], 0
+        for request in self.requests:
+            if request.kind == "torque":
+                found.append(-swept.z[2 + request.tube] * configuration.scales.moment)
+                continue
+            if request.place is None:
+                vector, weights = swept.left[:, -1], None
+            else:
+                weights = swept.weights[:, mark]
+                vector, mark = swept.right @ weights, mark + 1
+            state = State.split(vector, tubes)
+            if request.kind == "pose":
+                angle = state.angles[self._carrier(request)]
+                found += [state.position * length, ca.vec(material_frame(state.orientation, angle))]
+            else:
+                found.append(self._curvature(swept, vector, weights, request.tube))
+        return found
+
+    def _carrier(self, request: Request) -> int:
+        """The tube whose frame is meant: the innermost that is there, as the configuration stands."""
+        if request.tube is not None:
+            return request.tube
+        ends = self.configuration.tube_ends
+        s = request.place
+        at = float(ends.max()) if s is None else float(ends[s.tube]) if isinstance(s, Distal) else s
+        slack = 1e-9 * self.configuration.length
+        return int(np.flatnonzero(ends >= at - slack)[0])
+
+    def _curvature(self, swept: Any, vector: Any, weights: Any, tube: int | None) -> Any:
+        """``u_x, u_y`` in a tube's frame, and the tube's own ``u_z``, 1/m."""
+        places = list(swept.locals.values())
+        last = len(places) - 1
+        if weights is None:
+            local = places[-1]
+        else:
+            local = ca.horzcat(*places) @ weights[: last + 1]
+        bent, twisted, _, _ = self.problem.functions.local(vector, local)
+        angle = State.split(vector, self.configuration.tube_count).angles[tube]
+        c, s = ca.cos(angle), ca.sin(angle)
+        rotated = ca.vertcat(c * bent[0] + s * bent[1], c * bent[1] - s * bent[0], twisted[tube])
+        return rotated / self.configuration.scales.length
+
+    # -- numbers ---------------------------------------------------------------------------------------------------
+
+    def numbers(
+        self, robot_values: dict[str, Array], actuation: Actuation, loads: Sequence[Load], requests: Sequence[Request]
+    ) -> Array:
+        """The numbers of an experiment as the function takes them."""
+        known = parameters(self.configuration.robot, actuation, loads)
+        theta = np.empty(int(self.problem.theta.shape[0]))
+        for name, part in self.problem.parts.items():
+            if name == _PROBES:
+                theta[part] = [r.place for r in requests if isinstance(r.place, float)]
+            elif name in robot_values:
+                theta[part] = np.ravel(robot_values[name])
+            else:
+                theta[part] = known[name].value.ravel()
+        return theta
+
+    @cached_property
+    def _mapped(self) -> dict[int, ca.Function]:
+        return {}
+
+    def evaluate(self, z: Array, theta: Array) -> tuple[Array, list[list[Predicted]], Array]:
+        """Of experiments ``z (E, unknowns)``, ``theta (E, k)``: residuals, predictions, and the residuals' slopes."""
+        count = len(z)
+        if count not in self._mapped:
+            self._mapped[count] = self.function.map(count)
+        told, slopes = (part.full() for part in self._mapped[count](z.T, theta.T))
+        width = slopes.shape[1] // count
+        slopes = slopes.reshape(len(slopes), count, width)
+        n = self.unknowns
+        predictions = [self._predicted(told[n:, e], slopes[n:, e]) for e in range(count)]
+        return told[:n].T, predictions, np.moveaxis(slopes[:n], 1, 0)
+
+    def _predicted(self, told: Array, slopes: Array) -> list[Predicted]:
+        found, start = [], 0
+        for request in self.requests:
+            part = slice(start, start + SIZES[request.kind])
+            value, rates, start = told[part], slopes[part], part.stop
+            found.append(pose_of(value, rates) if request.kind == "pose" else Predicted(value, rates))
+        return found
+
+
+def pose_of(numbers: Array, slopes: Array) -> Predicted:
+    """A pose and its six rates from position and frame, column by column."""
+    pose = np.eye(4)
+    pose[:3, 3], pose[:3, :3] = numbers[:3], numbers[3:].reshape(3, 3, order="F")
+    return Predicted(pose, np.vstack((slopes[:3], _vee(pose[:3, :3], slopes[3:]))))
+
+
+def _vee(frame: Array, slopes: Array) -> Array:
+    """Angular velocities from the rates of a frame's entries, column by column: ``vee(dR R^T)``."""
+    rates = slopes.reshape(3, 3, -1)  # [column, row]
+    turn = np.einsum("crk,qc->rqk", rates, frame)
+    return 0.5 * np.stack((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))

@@ -1,0 +1,114 @@
+"""The reduced way: equilibria are solved for at each step, and only the parameters are unknowns of SciPy's trust region.
+
+Each block of the misfit is stretched so that half its square is its loss, exactly.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..equilibrium import Equilibrium
+from ..errors import SolveError
+from ..robot.checks import Array
+from .estimation import Estimation, Progress
+
+_FAILED = 1e6  # stretched residual where some equilibrium is not found: the step is made shorter
+
+
+@attrs.frozen(eq=False)
+class Found:
+    """Where a solve ended: values, base moments, how it ended."""
+
+    x: Array
+    moments: list[Array]
+    converged: bool
+    message: str
+    iterations: int
+    evaluations: int
+
+
+def stretched(misfit: Array, slopes: Array, starts: Any, losses: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+    """Residuals whose half square is the loss, and their slopes."""
+    value, jacobian = misfit.copy(), slopes.copy()
+    rho, first, _ = losses
+    for (start, size, _), cost, slope in zip(starts, rho, first, strict=True):
+        part = slice(start, start + size)
+        r = misfit[part]
+        s = float(r @ r)
+        if s < 1e-24:
+            factor, change = np.sqrt(2.0 * slope), 0.0
+        else:
+            factor = np.sqrt(2.0 * cost / s)
+            change = (slope / s - cost / s**2) / factor  # of the factor by s
+        value[part] = factor * r
+        jacobian[part] = factor * slopes[part] + 2.0 * change * np.outer(r, r @ slopes[part])
+    return value, jacobian
+
+
+class _Reduced:
+    """Residuals and Jacobian of the scaled parameters; keeps the last accepted equilibria to start from."""
+
+    def __init__(self, estimation: Estimation, equilibria: list[Equilibrium], progress: Progress | None) -> None:
+        self.estimation = estimation
+        self.equilibria = equilibria
+        self.progress = progress
+        self.evaluations = 0
+        self._at: Array | None = None
+        self._both: tuple[Array, Array] | None = None
+
+    def residuals(self, scaled: Array) -> Array:
+        """The stretched residuals, priors behind."""
+        return self._evaluate(scaled)[0]
+
+    def jacobian(self, scaled: Array) -> Array:
+        """Their derivatives by the scaled parameters."""
+        return self._evaluate(scaled)[1]
+
+    def _evaluate(self, scaled: Array) -> tuple[Array, Array]:
+        if self._at is not None and self._both is not None and np.array_equal(self._at, scaled):
+            return self._both
+        estimation, unknowns = self.estimation, self.estimation.unknowns
+        x = scaled * unknowns.scale
+        self.evaluations += 1
+        try:
+            self.equilibria = estimation.equilibria(x, self.equilibria)
+        except SolveError:
+            count = sum(each.numbers for each in estimation.experiments) + len(x)
+            return np.full(count, _FAILED), np.zeros((count, len(x)))
+        parts, slopes = [], []
+        for k, each in enumerate(estimation.linearize(x, [found.unknowns for found in self.equilibria])):
+            blocks = estimation.layouts[k].blocks
+            value, jacobian = stretched(each.misfit, each.reduced(), blocks, estimation.block_losses(k, each.misfit))
+            rows = np.zeros((len(value), len(x)))
+            rows[:, each.own] = jacobian
+            parts.append(value)
+            slopes.append(rows)
+        mean, sigma = unknowns.prior
+        parts.append((x - mean) / sigma)
+        slopes.append(np.diag(1.0 / sigma))
+        self._at, self._both = scaled.copy(), (np.concatenate(parts), np.vstack(slopes) * unknowns.scale)
+        if self.progress is not None:
+            self.progress("steps", self.evaluations, 0)
+        return self._both
+
+
+def solve_reduced(estimation: Estimation, equilibria: list[Equilibrium], progress: Progress | None = None) -> Found:
+    """Least loss over the parameters by SciPy's ``least_squares``."""
+    from scipy.optimize import least_squares
+
+    unknowns = estimation.unknowns
+    problem = _Reduced(estimation, equilibria, progress)
+    bounds = tuple(each / unknowns.scale for each in unknowns.bounds)
+    start = unknowns.initial / unknowns.scale
+    result = least_squares(
+        problem.residuals, start, problem.jacobian, bounds, ftol=1e-12, xtol=1e-12, gtol=1e-12, max_nfev=200
+    )
+    x = result.x * unknowns.scale
+    final = estimation.equilibria(x, problem.equilibria)
+    return Found(
+        x, [each.unknowns for each in final], bool(result.status > 0), str(result.message), int(result.njev),
+        int(result.nfev),
+    )  # fmt: skip

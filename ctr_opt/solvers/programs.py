@@ -1,0 +1,184 @@
+"""IPOPT for programs that are evaluated in numbers: objective and constraints with derivatives from outside CasADi."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import attrs
+import casadi as ca
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from ..robot.checks import Array
+from .ipopt import _LOCK
+
+
+@attrs.frozen(eq=False)
+class Evaluated:
+    """A program at a point: objective, gradient, constraints, their Jacobian, Hessian of the objective.
+
+    The last two are the nonzeros, column by column; the Hessian may be that of Gauss and Newton and holds the upper
+    triangle.
+    """
+
+    objective: float
+    gradient: Array
+    constraints: Array
+    jacobian: Array
+    hessian: Array
+
+
+class Program(Protocol):
+    """Minimize an objective under equations."""
+
+    @property
+    def jacobian_structure(self) -> csc_matrix:
+        """Where the Jacobian of the constraints has nonzeros."""
+
+    @property
+    def hessian_structure(self) -> csc_matrix:
+        """Where the Hessian's upper triangle has nonzeros."""
+
+    def evaluate(self, x: Array) -> Evaluated | None:
+        """Everything at a point; None where it cannot be evaluated."""
+
+
+@attrs.frozen(eq=False)
+class ProgramPoint:
+    """Where IPOPT ended: the point, the multipliers of the constraints, how."""
+
+    x: Array
+    multipliers: Array
+    objective: float
+    iterations: int
+    converged: bool
+    message: str
+
+
+class _Callback(ca.Callback):  # type: ignore[misc]
+    """A function of CasADi's whose outputs are computed in numbers."""
+
+    def __init__(self, name: str, sizes: list[int], outputs: list[ca.Sparsity], values: Callable[..., list[Any]]) -> None:
+        ca.Callback.__init__(self)
+        self._sizes, self._outputs, self._values = sizes, outputs, values
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self._sizes)
+
+    def get_n_out(self) -> int:
+        return len(self._outputs)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes[i], 1)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return self._outputs[i]
+
+    def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
+        values = self._values(*(np.asarray(each.full())[:, 0] for each in arguments))
+        return [ca.DM(pattern, value) for pattern, value in zip(self._outputs, values, strict=True)]
+
+
+def _pattern(matrix: csc_matrix) -> ca.Sparsity:
+    rows, columns = matrix.shape
+    return ca.Sparsity(rows, columns, matrix.indptr.tolist(), matrix.indices.tolist())
+
+
+def solve_program(
+    program: Program,
+    start: Array,
+    bounds: tuple[Array, Array],
+    *,
+    tolerance: float = 1e-9,
+    iterations: int = 200,
+    progress: Callable[[int], None] | None = None,
+) -> ProgramPoint:
+    """IPOPT's answer from a start, between bounds."""
+    size, count = len(start), program.jacobian_structure.shape[0]
+    kept: dict[bytes, Evaluated] = {}
+
+    def at(x: Array) -> Evaluated:
+        key = x.tobytes()
+        if key not in kept:
+            found = program.evaluate(x)
+            kept.clear()
+            kept[key] = _nowhere(size, count, program) if found is None else found
+        return kept[key]
+
+    def told(x: Array, _: Array) -> list[Any]:
+        found = at(x)
+        return [[found.objective], found.constraints]
+
+    def hessian(x: Array, _: Array, factor: Array, __: Array) -> list[Any]:
+        return [factor[0] * at(x).hessian]
+
+    def after(*arguments: Array) -> list[Any]:
+        steps.append(0)
+        if progress is not None:
+            progress(len(steps))
+        return [[0.0]]
+
+    steps: list[int] = []
+    dense = ca.Sparsity.dense
+    jacobian, second = _pattern(program.jacobian_structure), _pattern(program.hessian_structure)
+    values = _Callback("values", [size, 0], [dense(1, 1), dense(count, 1)], told)
+    slope = _Callback(
+        "slope", [size, 0], [dense(1, 1), dense(size, 1)], lambda x, _: [[at(x).objective], at(x).gradient]
+    )
+    slopes = _Callback(
+        "slopes", [size, 0], [dense(count, 1), jacobian], lambda x, _: [at(x).constraints, at(x).jacobian]
+    )
+    curved = _Callback("curved", [size, 0, 1, count], [second], hessian)
+    x = ca.MX.sym("x", size)
+    objective, constraints = values(x, ca.MX(0, 1))
+    options: dict[str, Any] = {
+        "print_time": False,
+        "error_on_fail": False,
+        "calc_lam_p": False,
+        "no_nlp_grad": True,
+        "calc_lam_x": False,
+        "calc_f": False,
+        "calc_g": False,
+        "show_eval_warnings": False,
+        "grad_f": slope,
+        "jac_g": slopes,
+        "hess_lag": curved,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "tol": tolerance,
+            "acceptable_iter": 0,
+            "max_iter": iterations,
+            "mu_init": 1e-6,
+            "nlp_scaling_method": "none",
+        },
+    }
+    if progress is not None:
+        watched = [dense(size, 1), dense(1, 1), dense(count, 1), dense(size, 1), dense(count, 1), dense(0, 1)]
+        options["iteration_callback"] = _Callback("watch", [each.numel() for each in watched], [dense(1, 1)], after)
+    with _LOCK:
+        solver = ca.nlpsol("estimation", "ipopt", {"x": x, "f": objective, "g": constraints}, options)
+        result = solver(x0=start, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
+        stats = solver.stats()
+    found = result["x"].full()[:, 0]
+    return ProgramPoint(
+        found,
+        result["lam_g"].full()[:, 0],
+        float(result["f"]),
+        int(stats["iter_count"]),
+        stats["return_status"] == "Solve_Succeeded" and bool(np.isfinite(found).all()),
+        str(stats["return_status"]).replace("_", " ").lower(),
+    )
+
+
+def _nowhere(size: int, count: int, program: Program) -> Evaluated:
+    nothing = np.nan
+    return Evaluated(
+        nothing,
+        np.full(size, nothing),
+        np.full(count, nothing),
+        np.full(program.jacobian_structure.nnz, nothing),
+        np.full(program.hessian_structure.nnz, nothing),
+    )
