@@ -12,6 +12,7 @@ from .equilibrium import Equilibrium as Equilibrium
 from .errors import CompilationError as CompilationError
 from .errors import CtrOptError as CtrOptError
 from .errors import DefinitionError as DefinitionError
+from .errors import EstimationError as EstimationError
 from .errors import NestingWarning as NestingWarning
 from .errors import SolveError as SolveError
 from .files import Problem as Problem
@@ -20,6 +21,16 @@ from .files import load_robot as load_robot
 from .files import save_robot as save_robot
 from .files import save_shape as save_shape
 from .forward import ForwardProblem as ForwardProblem
+from .inverse.calibration import CalibrationProblem as CalibrationProblem
+from .inverse.experiment import Experiment as Experiment
+from .inverse.fit import Fit as Fit
+from .inverse.measurements import CurvatureMeasurement as CurvatureMeasurement
+from .inverse.measurements import Distal as Distal
+from .inverse.measurements import PoseMeasurement as PoseMeasurement
+from .inverse.measurements import PositionMeasurement as PositionMeasurement
+from .inverse.measurements import TangentMeasurement as TangentMeasurement
+from .inverse.measurements import TorqueMeasurement as TorqueMeasurement
+from .inverse.parameters import Parameter as Parameter
 from .plans import Plan as Plan
 from .plans import load_plan as load_plan
 from .robot.actuation import Actuation as Actuation

@@ -35,6 +35,10 @@ class SolveError(CtrOptError, RuntimeError):
         self.result = result
 
 
+class EstimationError(CtrOptError, RuntimeError):
+    """An estimation found no answer, or the data do not determine what is asked for."""
+
+
 class CompilationError(CtrOptError, RuntimeError):
     """C code was not compiled or not loaded: the message ends with the compiler's last lines."""
 

@@ -90,6 +90,7 @@ class Estimation:
         self.loss = choice(loss, "loss", LOSSES)
         self.tolerance = tolerance
         self.unknowns = Unknowns(robot, [(each.actuation, each.loads) for each in self.experiments], wanted)
+        self.wanted = self.unknowns.given
         scaled = {measurement.scaled for each in self.experiments for measurement in each.measurements}
         if scaled == {True, False}:
             raise DefinitionError("sigma: give it for all measurements, or for none")
@@ -99,6 +100,16 @@ class Estimation:
         self.layouts = self._layouts()
         self.losses = {size: Loss(self.loss, size) for size in {b[1] for each in self.layouts for b in each.blocks}}
         self._models: list[_Group] = []
+
+    def of(self, experiments: Sequence[Experiment], wanted: Iterable[str]) -> Estimation:
+        """The same of other experiments, with the parameters' own priors, bounds and scales."""
+        given = {each.name: each for each in self.wanted}
+        return Estimation(self.robot, experiments, [given[name] for name in wanted], self.loss, self.tolerance)
+
+    @property
+    def prepared(self) -> bool:
+        """Whether the models have been built."""
+        return bool(self._models)
 
     # -- structure -------------------------------------------------------------------------------------------------
 
@@ -149,7 +160,9 @@ class Estimation:
             first = members[0]
             configuration = Configuration(self.robot, equilibria[first].actuation, self.experiments[first].loads)
             asked = self.experiments[first].requests
-            self._models.append(self._group(GroupModel(configuration, asked, self.layouts[first].names, steps), members))
+            self._models.append(
+                self._group(GroupModel(configuration, asked, self.layouts[first].names, steps), members)
+            )
 
     def _group(self, model: GroupModel, members: list[int]) -> _Group:
         start, own, mixing = [], [], []
@@ -162,6 +175,15 @@ class Estimation:
             own.append(np.flatnonzero(rows.any(axis=0)))
             mixing.append(rows[:, own[-1]])
         return _Group(model, members, np.array(start), np.array(own), np.array(mixing), np.array(model.active))
+
+    @property
+    def units(self) -> list[Array]:
+        """Sizes of each experiment's base moments."""
+        found: list[Array] = [np.zeros(0)] * len(self.experiments)
+        for group in self._models:
+            for k in group.members:
+                found[k] = group.model.unit
+        return found
 
     # -- evaluation ------------------------------------------------------------------------------------------------
 
@@ -249,4 +271,3 @@ def _steps(equilibrium: Equilibrium) -> int:
     solved = equilibrium.solved()
     sections = np.searchsorted(solved.configuration.break_points, solved.mesh[:, 0], side="right")
     return int(np.bincount(sections).max())
-

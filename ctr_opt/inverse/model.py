@@ -81,8 +81,8 @@ class GroupModel:
         around = [(k, 1) for k in range(order.sections)] + [(order.sections, 0)] if self._curved else []
         self._discretized = Discretized(self.problem, order, cuts, around, marks=self._marks())
         scales = configuration.scales
-        self._unit = scales.unknowns(configuration.tube_count, configuration.kind.live)
-        self.unknowns = len(self._unit)
+        self.unit: Array = scales.unknowns(configuration.tube_count, configuration.kind.live)
+        self.unknowns = len(self.unit)
 
     @property
     def _curved(self) -> bool:
@@ -122,8 +122,8 @@ class GroupModel:
         full = ca.MX(theta)
         if active:
             full[active] = moved[self.unknowns :]
-        swept = self._discretized.swept(moved[: self.unknowns] / self._unit, full)
-        told = ca.vertcat(swept.residual * self._unit, *self._values(swept))
+        swept = self._discretized.swept(moved[: self.unknowns] / self.unit, full)
+        told = ca.vertcat(swept.residual * self.unit, *self._values(swept))
         slopes = ca.Function("slopes", [moved, theta], [told, ca.densify(ca.jacobian(told, moved))])
         at = ca.vertcat(z, theta[active]) if active else z
         value, jacobian = slopes(at, theta)

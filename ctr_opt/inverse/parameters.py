@@ -114,6 +114,7 @@ class Unknowns:
         for k, name in enumerate(names):
             if name in names[:k]:
                 raise DefinitionError(f"parameters has {name!r} twice")
+        self.given = given
         self.entries = [self._entry(each) for each in given]
         self._check_doubled()
         ends = np.cumsum([0, *(entry.size for entry in self.entries)])
@@ -314,7 +315,9 @@ def _unknown(
     if given.prior is not None:
         mean, sigma = (of_shape(each, "prior") for each in given.prior)
         if not (sigma > 0.0).all():
-            raise DefinitionError(f"{given.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive")
+            raise DefinitionError(
+                f"{given.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive"
+            )
     size = np.broadcast_to(np.asarray(scale if given.scale is None else of_shape(given.scale, "scale")), flat.shape)
     return Unknown(
         given.name, shape, initial, np.array(size), lower, upper, mean, sigma, _labels(given.name, shape), acts_on,
@@ -342,5 +345,3 @@ def _labels(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     if shape == (3,):
         return tuple(f"{name}.{axis}" for axis in _AXES)
     return tuple(f"{name}[{', '.join(map(str, where))}]" for where in np.ndindex(shape))
-
-

@@ -5,6 +5,7 @@ Each block of the misfit is stretched so that half its square is its loss, exact
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import attrs
@@ -49,15 +50,24 @@ def stretched(misfit: Array, slopes: Array, starts: Any, losses: tuple[Array, Ar
 
 
 class _Reduced:
-    """Residuals and Jacobian of the scaled parameters; keeps the last accepted equilibria to start from."""
+    """Residuals and Jacobian of the scaled parameters that are free; keeps equilibria to start from."""
 
-    def __init__(self, estimation: Estimation, equilibria: list[Equilibrium], progress: Progress | None) -> None:
+    def __init__(
+        self, estimation: Estimation, equilibria: list[Equilibrium], x: Array, free: Any, progress: Progress | None
+    ) -> None:
         self.estimation = estimation
         self.equilibria = equilibria
         self.progress = progress
         self.evaluations = 0
+        self._x, self._free = x, free
         self._at: Array | None = None
         self._both: tuple[Array, Array] | None = None
+
+    def all(self, scaled: Array) -> Array:
+        """All parameters, SI."""
+        x = self._x.copy()
+        x[self._free] = scaled * self.estimation.unknowns.scale[self._free]
+        return x
 
     def residuals(self, scaled: Array) -> Array:
         """The stretched residuals, priors behind."""
@@ -70,14 +80,13 @@ class _Reduced:
     def _evaluate(self, scaled: Array) -> tuple[Array, Array]:
         if self._at is not None and self._both is not None and np.array_equal(self._at, scaled):
             return self._both
-        estimation, unknowns = self.estimation, self.estimation.unknowns
-        x = scaled * unknowns.scale
+        estimation, unknowns, x = self.estimation, self.estimation.unknowns, self.all(scaled)
         self.evaluations += 1
         try:
             self.equilibria = estimation.equilibria(x, self.equilibria)
         except SolveError:
             count = sum(each.numbers for each in estimation.experiments) + len(x)
-            return np.full(count, _FAILED), np.zeros((count, len(x)))
+            return np.full(count, _FAILED), np.zeros((count, len(scaled)))
         parts, slopes = [], []
         for k, each in enumerate(estimation.linearize(x, [found.unknowns for found in self.equilibria])):
             blocks = estimation.layouts[k].blocks
@@ -89,26 +98,34 @@ class _Reduced:
         mean, sigma = unknowns.prior
         parts.append((x - mean) / sigma)
         slopes.append(np.diag(1.0 / sigma))
-        self._at, self._both = scaled.copy(), (np.concatenate(parts), np.vstack(slopes) * unknowns.scale)
+        every = (np.vstack(slopes) * unknowns.scale)[:, self._free]
+        self._at, self._both = scaled.copy(), (np.concatenate(parts), every)
         if self.progress is not None:
             self.progress("steps", self.evaluations, 0)
         return self._both
 
 
-def solve_reduced(estimation: Estimation, equilibria: list[Equilibrium], progress: Progress | None = None) -> Found:
-    """Least loss over the parameters by SciPy's ``least_squares``."""
+def solve_reduced(
+    estimation: Estimation,
+    equilibria: list[Equilibrium],
+    progress: Progress | None = None,
+    *,
+    start: Array | None = None,
+    fixed: Sequence[int] = (),
+) -> Found:
+    """Least loss over the parameters by SciPy's ``least_squares``, from a start, with some of them held."""
     from scipy.optimize import least_squares
 
     unknowns = estimation.unknowns
-    problem = _Reduced(estimation, equilibria, progress)
-    bounds = tuple(each / unknowns.scale for each in unknowns.bounds)
-    start = unknowns.initial / unknowns.scale
-    result = least_squares(
-        problem.residuals, start, problem.jacobian, bounds, ftol=1e-12, xtol=1e-12, gtol=1e-12, max_nfev=200
-    )
-    x = result.x * unknowns.scale
-    final = estimation.equilibria(x, problem.equilibria)
-    return Found(
-        x, [each.unknowns for each in final], bool(result.status > 0), str(result.message), int(result.njev),
-        int(result.nfev),
-    )  # fmt: skip
+    x = unknowns.initial if start is None else start
+    free = np.array([k for k in range(len(x)) if k not in fixed], dtype=int)
+    scale = unknowns.scale[free]
+    estimation.prepare(equilibria)
+    problem = _Reduced(estimation, equilibria, x, free, progress)
+    bounds = tuple(each[free] / scale for each in unknowns.bounds)
+    accuracy = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12}
+    result = least_squares(problem.residuals, x[free] / scale, problem.jacobian, bounds, max_nfev=200, **accuracy)
+    found = problem.all(result.x)
+    final = estimation.equilibria(found, problem.equilibria)
+    moments = [each.unknowns for each in final]
+    return Found(found, moments, bool(result.status > 0), str(result.message), int(result.njev), int(result.nfev))

@@ -17,13 +17,16 @@ from ..solvers.programs import Evaluated, solve_program
 from .estimation import Estimation, Linearized, Progress
 from .reduced import Found
 
+_DAMPING = 1e-3
+"""Of the Hessian in the scaled parameters, and of nothing else: where the data say nothing, IPOPT stays where it is."""
+
 
 class _Program:
     """The program in scaled unknowns: parameters first, then the experiments' base moments one behind the other."""
 
     def __init__(self, estimation: Estimation, x: Array, moments: Sequence[Array]) -> None:
         self.estimation = estimation
-        self.units = [np.full(len(each), float(np.abs(each).max()) + 1e-12) for each in moments]
+        self.units = estimation.units
         self._x = x
         self.parameters = len(x)
         ends = np.cumsum([self.parameters, *(len(each) for each in moments)])
@@ -84,7 +87,7 @@ class _Program:
         objective = estimation.prior_cost(x)
         gradient = np.zeros(self.size)
         gradient[: self.parameters] = scale * (x - mean) / sigma**2
-        constraints, slopes, curvatures = [], [], [(scale / sigma) ** 2]
+        constraints, slopes, curvatures = [], [], [(scale / sigma) ** 2 + _DAMPING]
         for k, each in enumerate(linearized):
             unit, part = self.units[k], self.parts[k]
             own = scale[each.own]

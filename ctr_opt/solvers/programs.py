@@ -59,7 +59,9 @@ class ProgramPoint:
 class _Callback(ca.Callback):  # type: ignore[misc]
     """A function of CasADi's whose outputs are computed in numbers."""
 
-    def __init__(self, name: str, sizes: list[int], outputs: list[ca.Sparsity], values: Callable[..., list[Any]]) -> None:
+    def __init__(
+        self, name: str, sizes: list[int], outputs: list[ca.Sparsity], values: Callable[..., list[Any]]
+    ) -> None:
         ca.Callback.__init__(self)
         self._sizes, self._outputs, self._values = sizes, outputs, values
         self.construct(name, {})

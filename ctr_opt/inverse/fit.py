@@ -1,0 +1,410 @@
+"""What an estimation found: values with standard errors, residuals, and what the data do not determine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError, EstimationError
+from ..robot.checks import Array, index
+from ..robot.robot import Robot
+from .estimation import Estimation, Linearized
+from .reduced import Found, solve_reduced
+from .uncertainty import (
+    Determined,
+    Direction,
+    Information,
+    covariance,
+    determined,
+    directions,
+    information,
+    is_factor,
+    symbol,
+    taking_part,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..equilibrium import Equilibrium
+
+REJECTED = 1e-3  # probability of the residuals' chi-square below which the given noise level is not believed
+_OUTLIER = 0.01  # probability, over all experiments, that good data have one flagged
+
+
+@attrs.frozen(eq=False)
+class Residual:
+    """The misfit of one block (a point, a pose): whose it is, where, and predicted minus measured, SI."""
+
+    experiment: int
+    measurement: int
+    arc_length: float
+    """Where it was measured, m, as the fit has it."""
+
+    value: Array
+
+    @property
+    def size(self) -> float:
+        """Norm; of a position its distance, m."""
+        return float(np.linalg.norm(self.value))
+
+
+class Fit:
+    """The result of a :class:`~ctr_opt.CalibrationProblem`.
+
+    Attributes
+    ----------
+    names
+        The parameters' names.
+    labels
+        A name for each number: the rows and columns of :attr:`covariance`.
+    method, iterations, objective
+        How it was found; the loss reached, priors included.
+    """
+
+    def __init__(self, estimation: Estimation, found: Found, method: str) -> None:
+        self._estimation = estimation
+        self._found = found
+        self.method = method
+        self.names = [entry.name for entry in estimation.unknowns.entries]
+        self.labels = estimation.unknowns.labels
+        self.iterations = found.iterations
+        self.objective = estimation.cost(self._linearized) + estimation.prior_cost(found.x)
+
+    # -- estimates -------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """The estimates by name, floats or arrays; not a number where the data do not determine them."""
+        return self._estimation.unknowns.values(np.where(self._open, np.nan, self._found.x))
+
+    @cached_property
+    def standard_errors(self) -> dict[str, Any]:
+        """Standard deviations of the estimates by name; infinite where the data do not determine them."""
+        return self._estimation.unknowns.values(np.sqrt(np.diag(self.covariance)))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the numbers of :attr:`labels`, SI; infinite variances where they are not determined.
+
+        From the noise level that was given, unless the residuals reject it (see :attr:`p_value`), then from the level
+        that they show; of robust losses the sandwich ``H^-1 S H^-1`` of Hessian and scatter of gradients.
+        """
+        if self._estimation.loss != "squared":
+            return self._of_noise(None)
+        return self.covariance_assumed if self.noise_accepted else self.covariance_estimated
+
+    @cached_property
+    def covariance_assumed(self) -> Array:
+        """Covariance for the noise level that was given."""
+        return self._of_noise(1.0)
+
+    @cached_property
+    def covariance_estimated(self) -> Array:
+        """Covariance for the noise level that the residuals show."""
+        return self._of_noise(self.noise)
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Correlations of the numbers of :attr:`labels`; not a number where they are not determined."""
+        deviations = np.sqrt(np.diag(self.covariance))
+        deviations = np.where(np.isfinite(deviations) & (deviations > 0.0), deviations, np.nan)
+        return np.asarray(self.covariance / np.outer(deviations, deviations))
+
+    @cached_property
+    def undetermined(self) -> list[Direction]:
+        """Directions that the data do not determine, in words; empty if they determine everything."""
+        unknowns = self._estimation.unknowns
+        return directions(self._determined, self.labels, self._found.x, unknowns.scale)
+
+    @cached_property
+    def ratios(self) -> dict[str, tuple[float, float]]:
+        """Where parameters may be scaled together only: their ratios to the first of them, with standard errors."""
+        found: dict[str, tuple[float, float]] = {}
+        x = self._found.x
+        for direction in self.undetermined:
+            names = list(direction.parts)
+            those = [self.labels.index(name) for name in names]
+            if len(those) < 2 or not is_factor(names, np.array([direction.parts[n] for n in names]) / x[those]):
+                continue
+            for k in those[1:]:
+                contrast = np.zeros(len(x))
+                contrast[k], contrast[those[0]] = 1.0 / x[k], -1.0 / x[those[0]]
+                ratio = x[k] / x[those[0]]
+                error = ratio * np.sqrt(contrast @ self._known_covariance @ contrast)
+                found[f"{symbol(self.labels[k])} / {symbol(self.labels[those[0]])}"] = (float(ratio), float(error))
+        return found
+
+    @property
+    def condition(self) -> float:
+        """Condition of the information matrix, in the parameters' scales."""
+        return self._determined.condition
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot with the estimated parameters.
+
+        Raises
+        ------
+        EstimationError
+            The data do not determine them.
+        """
+        if self.undetermined:
+            raise EstimationError(
+                f"the data do not determine the robot: {'; '.join(map(str, self.undetermined))}. Add measurements under "
+                "load, priors, or estimate fewer parameters"
+            )
+        return self._estimation.unknowns.robot_at(self._found.x)
+
+    @cached_property
+    def equilibria(self) -> list[Equilibrium]:
+        """The experiments' equilibria with the estimated parameters."""
+        return self._estimation.equilibria(self._found.x)
+
+    # -- residuals ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def residuals(self) -> list[Residual]:
+        """Every block's misfit, predicted minus measured, by experiment."""
+        found = []
+        for k, each in enumerate(self._linearized):
+            lengths = self._arc_lengths(k)
+            layout, experiment = self._estimation.layouts[k], self._estimation.experiments[k]
+            seen: dict[int, int] = {}
+            for b, (start, size, j) in enumerate(layout.blocks):
+                i = seen.setdefault(j, 0)
+                seen[j] += 1
+                whitener = experiment.measurements[j].whitener[i]
+                value = np.linalg.solve(whitener, each.misfit[start : start + size])
+                found.append(Residual(k, j, lengths[b], value))
+        return found
+
+    def _arc_lengths(self, k: int) -> list[float]:
+        from .measurements import Distal
+
+        experiment = self._estimation.experiments[k]
+        actuation, _ = self._estimation.unknowns.experiment_at(self._found.x, k)
+        robot = self._estimation.unknowns.robot_at(self._found.x)
+        ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
+        found = []
+        for each in experiment.measurements:
+            for request in each.requests[: each.shape[0]]:
+                s = request.place
+                found.append(float(ends[s.tube]) if isinstance(s, Distal) else float(ends.max()) if s is None else s)
+        return found
+
+    @cached_property
+    def chi_squared(self) -> float:
+        """Sum of the squared residuals over the given noise's variances (of mm, mrad and so on if none was given)."""
+        return float(sum(each.misfit @ each.misfit for each in self._linearized))
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Numbers measured less parameters determined by them."""
+        numbers = sum(len(each.misfit) for each in self._linearized)
+        return int(max(numbers - self._determined.known.shape[1], 0))
+
+    @property
+    def noise(self) -> float:
+        """Noise level that the residuals show, over that given; NaN where nothing is left over."""
+        freedom = self.degrees_of_freedom
+        return float(np.sqrt(self.chi_squared / freedom)) if freedom else np.nan
+
+    @property
+    def p_value(self) -> float:
+        """Probability of residuals so large under the given noise level; NaN if none was given."""
+        from scipy.stats import chi2
+
+        if not self._estimation.scaled or not self.degrees_of_freedom:
+            return np.nan
+        return float(chi2.sf(self.chi_squared, self.degrees_of_freedom))
+
+    @property
+    def noise_accepted(self) -> bool:
+        """Whether a noise level was given that the residuals do not reject (at 1e-3)."""
+        return self._estimation.scaled and not self.p_value < REJECTED
+
+    # -- what depends on what ------------------------------------------------------------------------------------------
+
+    @cached_property
+    def influence(self) -> Array:
+        """How far each experiment pulls the estimates, ``(experiments,)``: Cook's distance, from one Newton step.
+
+        The squared change of the estimates without it, in their standard errors, over their number.
+        """
+        known = self._determined.known
+        full = known.T @ (self._information.curvature + self._information.prior) @ known
+        inverse = covariance_inverse(self._known_scaled, known)
+        found = []
+        for own, gradient in zip(self._information.each, self._information.gradients, strict=True):
+            step = np.linalg.lstsq(full - known.T @ own @ known, known.T @ gradient, rcond=None)[0]
+            found.append(step @ inverse @ step / max(known.shape[1], 1))
+        return np.array(found)
+
+    @cached_property
+    def outliers(self) -> list[int]:
+        """Experiments whose residuals are too large for the others, by their numbers.
+
+        The sum of squares of an experiment against chi-square, with a noise level from the median experiment; flagged
+        so seldom that good data have one in a hundred fits.
+        """
+        from scipy.stats import chi2
+
+        squares = np.array([each.misfit @ each.misfit for each in self._linearized])
+        sizes = np.array([len(each.misfit) for each in self._linearized])
+        level = np.median(squares / chi2.median(sizes))
+        probabilities = chi2.sf(squares / level, sizes)
+        return [int(k) for k in np.flatnonzero(probabilities < _OUTLIER / len(sizes))]
+
+    def profile(self, label: str, *, count: int = 9, width: float = 3.0) -> tuple[Array, Array]:
+        """Profile likelihood of one number: its values, and the loss with all others estimated anew, over the least.
+
+        Parameters
+        ----------
+        label
+            One of :attr:`labels`.
+        count, width
+            So many values, as far as ``width`` standard errors from the estimate.
+
+        Returns
+        -------
+        tuple
+            Values ``(count,)`` and excess loss ``(count,)``; for normal errors half the squared distance in standard
+            errors where the problem is linear.
+        """
+        if label not in self.labels:
+            raise DefinitionError(f"label = {label!r} must be one of {', '.join(self.labels)}")
+        k = self.labels.index(label)
+        error = float(np.sqrt(self.covariance[k, k]))
+        if not np.isfinite(error):
+            raise EstimationError(f"{label} is not determined, so that it has no profile")
+        values = self._found.x[k] + error * np.linspace(-width, width, count)
+        costs = []
+        for value in values:
+            x = self._found.x.copy()
+            x[k] = value
+            found = solve_reduced(self._estimation, self.equilibria, start=x, fixed=[k])
+            linearized = self._estimation.linearize(found.x, found.moments)
+            costs.append(self._estimation.cost(linearized) + self._estimation.prior_cost(found.x) - self.objective)
+        return values, np.array(costs)
+
+    def without(self, experiments: Sequence[int] | int) -> Fit:
+        """The fit to the other experiments, from here: leave one out, or a block, to hold it out."""
+        dropped = [experiments] if isinstance(experiments, (int, np.integer)) else list(experiments)
+        for k in dropped:
+            index(k, "experiments", len(self._estimation.experiments))
+        kept = [k for k in range(len(self._estimation.experiments)) if k not in dropped]
+        return self._again(kept)
+
+    def errors_without(self, experiments: Sequence[int]) -> list[Residual]:
+        """The residuals of experiments that a fit to the others predicts: a hold-out."""
+        other = self.without(experiments)
+        held = [self._estimation.experiments[k] for k in experiments]
+        tested = self._estimation.of(held, [entry.name for entry in self._estimation.unknowns.entries])
+        moments = [each.unknowns for each in tested.equilibria(other._found.x)]
+        shown = Fit(tested, attrs.evolve(other._found, moments=moments), self.method)
+        return [attrs.evolve(each, experiment=experiments[each.experiment]) for each in shown.residuals]
+
+    def bootstrap(self, repetitions: int = 200, *, seed: int = 0) -> Array:
+        """Estimates from experiments drawn again with replacement, ``(repetitions, len(labels))``."""
+        rng = np.random.default_rng(seed)
+        count = len(self._estimation.experiments)
+        return np.array([self._again(rng.integers(count, size=count))._found.x for _ in range(repetitions)])
+
+    def _again(self, chosen: Any) -> Fit:
+        """A fit to a choice of experiments, from here."""
+        chosen = [int(k) for k in chosen]
+        own = [entry for entry in self._estimation.unknowns.entries if entry.experiment is not None]
+        if own:
+            raise EstimationError(
+                f"{own[0].name} belongs to one experiment, so that none can be left out or drawn again"
+            )
+        if not chosen:
+            raise DefinitionError("experiments: at least one must be left")
+        drawn = self._estimation.of([self._estimation.experiments[k] for k in chosen], self.names)
+        found = solve_reduced(drawn, [self.equilibria[k] for k in chosen], start=self._found.x)
+        return Fit(drawn, found, "reduced")
+
+    # -- for people ------------------------------------------------------------------------------------------------
+
+    def report(self) -> str:
+        """Estimates with their errors, correlations, residuals, and what the data do not tell, as text."""
+        from .fit_report import fit_report
+
+        return fit_report(self)
+
+    def plot(self) -> Figure:
+        """Histogram of the tip's errors, residuals along the robot, correlations and confidence ellipses."""
+        from .fit_plots import figure_fit
+
+        return figure_fit(self)
+
+    def __repr__(self) -> str:
+        open_ones = f", {len(self.undetermined)} directions undetermined" if self.undetermined else ""
+        return f"<Fit of {len(self.labels)} numbers to {len(self._estimation.experiments)} experiments{open_ones}>"
+
+    # -- internals ---------------------------------------------------------------------------------------------------
+
+    @property
+    def estimation(self) -> Estimation:
+        """The problem that was solved."""
+        return self._estimation
+
+    @cached_property
+    def _linearized(self) -> list[Linearized]:
+        if not self._estimation.prepared:
+            self._estimation.prepare(self.equilibria)
+        return self._estimation.linearize(self._found.x, self._found.moments)
+
+    @cached_property
+    def _information(self) -> Information:
+        return information(self._estimation, self._linearized)
+
+    @cached_property
+    def _determined(self) -> Determined:
+        level = 1.0
+        if self._estimation.loss == "squared" and not self._estimation.scaled:
+            numbers, size = sum(len(each.misfit) for each in self._linearized), len(self._found.x)
+            level = self.chi_squared / max(numbers - size, 1)
+        return determined(self._information.matrix / max(level, 1e-12) + self._information.prior)
+
+    @property
+    def _open(self) -> Any:
+        return taking_part(self._determined)
+
+    def _of_noise(self, noise: float | None) -> Array:
+        """Covariance for a noise level, or the sandwich; infinite where undetermined."""
+        found = self._scaled(noise)
+        scale = self._estimation.unknowns.scale
+        found = found * np.outer(scale, scale)
+        those = np.flatnonzero(self._open)
+        found[those, :] = found[:, those] = np.nan
+        found[those, those] = np.inf
+        return found
+
+    def _scaled(self, noise: float | None) -> Array:
+        parts, known = self._information, self._determined.known
+        if noise is None:
+            return covariance(parts.curvature + parts.prior, known, parts.scatter + parts.prior)
+        return covariance(parts.matrix / noise**2 + parts.prior, known)
+
+    @property
+    def _known_scaled(self) -> Array:
+        if self._estimation.loss != "squared":
+            return self._scaled(None)
+        return self._scaled(1.0 if self.noise_accepted else self.noise)
+
+    @property
+    def _known_covariance(self) -> Array:
+        """Covariance of what is known of the parameters, SI."""
+        scale = self._estimation.unknowns.scale
+        return self._known_scaled * np.outer(scale, scale)
+
+
+def covariance_inverse(scaled: Array, known: Array) -> Array:
+    """Inverse of a covariance on the space that is known, in that space's coordinates."""
+    return np.linalg.inv(known.T @ scaled @ known)

@@ -1,0 +1,193 @@
+"""Reports of fits: text that reads like a page of a paper."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..robot.checks import Array
+from .fit import REJECTED
+from .losses import SMOOTHING
+from .uncertainty import symbol
+
+if TYPE_CHECKING:
+    from .fit import Fit, Residual
+
+_CORRELATED = 0.9  # pairs of parameters from here on are named
+_UNITS = (  # how a number is told: the end of its parameter's name, factor, unit
+    ("bending_stiffness", 1e3, "N mm m"),
+    ("torsional_stiffness", 1e3, "N mm m"),
+    ("modulus", 1e-9, "GPa"),
+    ("diameter", 1e3, "mm"),
+    ("length", 1e3, "mm"),
+    ("translation_offset", 1e3, "mm"),
+    ("translations", 1e3, "mm"),
+    ("base.translation", 1e3, "mm"),
+    ("base.rotation", 180.0 / np.pi, "deg"),
+    ("rotation_offset", 180.0 / np.pi, "deg"),
+    ("rotations", 180.0 / np.pi, "deg"),
+    ("force", 1.0, "N"),
+    ("moment", 1e3, "N mm"),
+    ("curvature", 1.0, "1/m"),
+    ("coefficients", 1.0, "1/m"),
+)
+
+
+def unit_of(label: str) -> tuple[float, str]:
+    """By what a number is multiplied to be told in which unit."""
+    name = label.split("[")[0] if label.startswith(("rotations", "translations")) else label
+    stem = name.rsplit(".", 1)[0] if name.endswith((".x", ".y", ".z")) else name
+    stem = stem[: stem.rindex("[")] if stem.endswith("]") else stem
+    for end, factor, unit in _UNITS:
+        if stem.endswith(end):
+            return (1.0, "N m^2") if unit == "N mm m" else (factor, unit)
+    return 1.0, ""
+
+
+def fit_report(fit: Fit) -> str:
+    """Everything about a fit."""
+    return "\n".join(
+        [*_heading(fit), "", *parameter_table(fit), *_open(fit), *_correlated(fit), "", *residual_lines(fit)]
+    )
+
+
+def _heading(fit: Fit) -> list[str]:
+    estimation = fit.estimation
+    numbers = sum(each.numbers for each in estimation.experiments)
+    lines = [
+        f"Fit of {len(fit.labels)} numbers to {len(estimation.experiments)} experiments ({numbers} numbers measured)",
+        _row("method", f"{fit.method}, {fit.iterations} iterations"),
+        _row("loss", _loss(fit)),
+        _row("condition", f"{fit.condition:.2g} (information matrix, in the parameters' scales)"),
+    ]
+    if estimation.scaled:
+        lines.append(
+            _row("chi-square", f"{fit.chi_squared:.1f} at {fit.degrees_of_freedom} degrees of freedom{_verdict(fit)}")
+        )
+    else:
+        lines.append(_row("noise level", f"{fit.noise:.3g} mm (mrad, 1/m, ...), from the residuals"))
+    return lines
+
+
+def _loss(fit: Fit) -> str:
+    name = fit.estimation.loss
+    told = {
+        "squared": "weighted least squares",
+        "distance": f"sum of distances, smoothed within {SMOOTHING:g} standard deviations",
+        "huber": "Huber's",
+        "cauchy": "Cauchy's",
+    }
+    return f"{told[name]}; {fit.objective:.6g} at the solution"
+
+
+def _verdict(fit: Fit) -> str:
+    if np.isnan(fit.p_value):
+        return ""
+    if fit.estimation.loss != "squared":
+        return f" (noise {fit.noise:.2f} times as given); errors from the sandwich"
+    if fit.noise_accepted:
+        return f" (p = {fit.p_value:.2g}): the given noise level is accepted and used"
+    return f" (p < {REJECTED:g}): rejected; errors are for {fit.noise:.2f} times the given noise level"
+
+
+def parameter_table(fit: Fit) -> list[str]:
+    """A line for each number: nominal, estimate, standard error."""
+    unknowns = fit.estimation.unknowns
+    values = np.concatenate([np.ravel(each) for each in fit.values.values()])
+    errors = np.concatenate([np.ravel(each) for each in fit.standard_errors.values()])
+    lines = [f"  {'parameter':<36}{'start':>12}{'estimate':>14}{'+-':>12}   {'unit':<6}"]
+    for label, start, value, error in zip(fit.labels, unknowns.initial, values, errors, strict=True):
+        factor, unit = unit_of(label)
+        told = f"{factor * value:>14.6g}{factor * error:>12.2g}" if np.isfinite(error) else f"{'not determined':>26}"
+        lines.append(f"  {label:<36}{factor * start:>12.6g}{told}   {unit:<6}")
+    return lines
+
+
+def _open(fit: Fit) -> list[str]:
+    if not fit.undetermined:
+        return []
+    lines = ["", "  Not determined by these data:"]
+    lines += [f"    {direction}" for direction in fit.undetermined]
+    if fit.ratios:
+        lines += ["  What they do determine:"]
+        lines += [f"    {name} = {ratio:.4g} +- {error:.2g}" for name, (ratio, error) in fit.ratios.items()]
+    return lines
+
+
+def _correlated(fit: Fit) -> list[str]:
+    pairs = [
+        (fit.correlation[i, j], i, j)
+        for i in range(len(fit.labels))
+        for j in range(i)
+        if abs(fit.correlation[i, j]) >= _CORRELATED
+    ]
+    if not pairs:
+        return []
+    lines = ["", f"  Correlations of {_CORRELATED:g} and more:"]
+    for value, i, j in sorted(pairs, key=lambda pair: -abs(pair[0])):
+        lines.append(f"    {symbol(fit.labels[j])} and {symbol(fit.labels[i])}: {value:+.3f}")
+    return lines
+
+
+def residual_lines(fit: Fit) -> list[str]:
+    """Distances of the points by where they are, and experiments that do not fit."""
+    lines = []
+    for name, sizes in point_errors(fit.residuals, fit).items():
+        mean, most = 1e3 * sizes.mean(), 1e3 * sizes.max()
+        lines.append(
+            _row(
+                name,
+                f"mean {mean:.3f}, median {1e3 * np.median(sizes):.3f}, largest {most:.3f} mm ({len(sizes)} points)",
+            )
+        )
+    names = [fit.estimation.experiments[k].name or str(k) for k in fit.outliers]
+    if names:
+        lines += ["", "  Experiments that do not fit the others (look at them; none was left out):"]
+        for name, k in zip(names, fit.outliers, strict=True):
+            own = [each for each in fit.residuals if each.experiment == k]
+            worst = max(own, key=lambda each: each.size)
+            lines.append(
+                f"    {name}: {1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, influence {fit.influence[k]:.2g}"
+            )
+    return lines
+
+
+def point_errors(residuals: list[Residual], fit: Fit) -> dict[str, Array]:
+    """Distances of measured points (m) by where they are: ends of tubes, the tip, or arc lengths."""
+    from .measurements import Distal, PositionMeasurement
+
+    found: dict[str, list[float]] = {}
+    seen: dict[tuple[int, int], int] = {}
+    for each in residuals:
+        measurement = fit.estimation.experiments[each.experiment].measurements[each.measurement]
+        if not isinstance(measurement, PositionMeasurement):
+            continue
+        i = seen.setdefault((each.experiment, each.measurement), 0)
+        seen[each.experiment, each.measurement] += 1
+        place = measurement.arc_length[i]
+        if place is None:
+            name = "tip"
+        elif isinstance(place, Distal):
+            name = f"end of tube {place.tube}"
+        else:
+            name = f"at s = {1e3 * place:.1f} mm" if len(set(_fixed(fit))) <= 6 else "along the backbone"
+        found.setdefault(name, []).append(each.size)
+    return {name: np.array(sizes) for name, sizes in found.items()}
+
+
+def _fixed(fit: Fit) -> list[float]:
+    from .measurements import PositionMeasurement
+
+    return [
+        place
+        for each in fit.estimation.experiments
+        for measurement in each.measurements
+        if isinstance(measurement, PositionMeasurement)
+        for place in measurement.arc_length
+        if isinstance(place, float)
+    ]
+
+
+def _row(name: str, value: str) -> str:
+    return f"  {name:<22}{value}"
