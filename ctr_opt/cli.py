@@ -141,6 +141,49 @@ def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
         sys.exit(_NOT_SOLVED)
 
 
+@cli.command()
+@click.argument("calibration", type=_FILE)
+@click.option("--report", type=_FILE, help="Write a page in Markdown with figures into this folder.")
+@click.option(
+    "--method", type=click.Choice(["simultaneous", "reduced"]), default="simultaneous", help="How the fit is found."
+)
+def calibrate(calibration: Path, report: Path | None, method: str) -> None:
+    """Estimate a robot's parameters from a table of measured shapes, and print how well they are known."""
+    from .calibration_files import load_calibration
+    from .calibration_report import LOSS_NAMES, write_report
+
+    given = load_calibration(calibration)
+    click.echo(f"{given.title}: {len(given.experiments)} experiments")
+    fits = {}
+    for loss in given.losses:
+        with _Progress(LOSS_NAMES[loss]) as progress:
+            fits[loss] = given.problem(loss).solve(method=method, progress=progress)
+        click.echo(fits[loss].report() + "\n")
+    if report is not None:
+        nominal = given.problem(given.losses[0]).nominal()
+        click.echo(f"report written to {write_report(given, nominal, fits, report)}")
+
+
+class _Progress:
+    """A line on the terminal that tells how far an estimation is; nothing where there is no terminal."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._shown = sys.stderr.isatty()
+
+    def __enter__(self) -> _Progress:
+        return self
+
+    def __call__(self, what: str, done: int, count: int) -> None:
+        if self._shown:
+            of = f" of {count}" if count else ""
+            click.echo(f"\r\x1b[K{self._title}: {what} {done}{of}", nl=False, err=True)
+
+    def __exit__(self, *_: Any) -> None:
+        if self._shown:
+            click.echo("\r\x1b[K", nl=False, err=True)
+
+
 @cli.command("list")
 @click.argument("folder", type=_FILE, default=Path("problems"))
 def list_problems(folder: Path) -> None:

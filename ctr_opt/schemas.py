@@ -251,6 +251,44 @@ class PlanSchema(Strict):
     expected = fields.Nested(ExpectedTipsSchema)
 
 
+class SigmaSchema(Strict):
+    """``[sigma]`` of a calibration: standard deviations of what its table holds."""
+
+    position = Quantity("m", 3, scalar_too=True)
+    direction = Quantity("rad")
+
+
+class CheckSchema(Strict):
+    """``[[checks]]`` of a calibration: a problem that was measured too, and is not fitted."""
+
+    problem = _text(required=True)
+    tip_position = Quantity("m", 3, required=True)
+
+
+class TruthSchema(Strict):
+    """``[truth]`` of a calibration with synthetic data: what the data were made with."""
+
+    values = fields.Dict(keys=fields.Str(), values=fields.Raw(), required=True)
+    seed = fields.Int(required=True)
+    outlier = fields.Int()
+    rotation = Quantity("rad")
+
+
+class CalibrationSchema(Strict):
+    """A calibration: a robot, a table of experiments, and what is to be estimated."""
+
+    title = _text(required=True)
+    description = _text()
+    robot = _text(required=True)
+    experiments = _text(required=True)
+    parameters = fields.List(fields.Str(), required=True)
+    losses = fields.List(fields.Str(), load_default=["squared"])
+    source = fields.Nested(SourceSchema, required=True)
+    sigma = fields.Nested(SigmaSchema, load_default={})
+    checks = fields.List(fields.Nested(CheckSchema), load_default=[])
+    truth = fields.Nested(TruthSchema)
+
+
 PIECE_SCHEMAS = {
     "straight": StraightSchema,
     "arc": ArcSchema,

@@ -113,6 +113,14 @@ class CalibrationProblem:
             raise EstimationError(_failure(estimation, found, method))
         return Fit(estimation, found, method)
 
+    def nominal(self) -> Fit:
+        """The initial parameters beside the measurements, as if they had been found: their residuals."""
+        estimation = self._estimation
+        equilibria = estimation.equilibria(estimation.unknowns.initial)
+        estimation.prepare(equilibria)
+        moments = [each.unknowns for each in equilibria]
+        return Fit(estimation, Found(estimation.unknowns.initial, moments, True, "nominal", 0, 0), "nominal")
+
 
 def _failure(estimation: Estimation, found: Found, method: str) -> str:
     """What was tried, how far it got, what to do."""

@@ -1,0 +1,130 @@
+"""Calibrations in files: a robot, a table of experiments, what to estimate, and what the answer is checked with."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from .errors import DefinitionError
+from .experiment_tables import read_experiments
+from .files import Problem, load_problem, load_robot
+from .inverse.calibration import CalibrationProblem
+from .inverse.experiment import Experiment
+from .inverse.losses import LOSSES
+from .reading import at, read_toml
+from .robot.checks import Array, choice
+from .robot.robot import Robot
+
+
+@attrs.frozen(eq=False)
+class Check:
+    """A problem whose tip was measured but is not fitted, ``tip_position (3,)``, m."""
+
+    problem: Problem
+    tip_position: Array
+
+
+@attrs.frozen(eq=False)
+class Calibration:
+    """A calibration read from a file.
+
+    Attributes
+    ----------
+    robot, experiments, parameters, losses
+        What to fit, by which losses.
+    sigma
+        Standard deviations of ``position`` (m) and ``direction`` (rad), as far as given.
+    checks
+        What is predicted and not fitted.
+    truth
+        Of synthetic data, what they were made with.
+    title, description, source, does_not_claim
+        What it is, where its numbers come from, what they do not claim.
+    """
+
+    path: Path
+    title: str
+    robot: Robot
+    table: Path
+    experiments: tuple[Experiment, ...]
+    parameters: tuple[str, ...]
+    losses: tuple[str, ...]
+    sigma: dict[str, Any]
+    checks: tuple[Check, ...] = ()
+    truth: dict[str, Any] = attrs.field(factory=dict)
+    description: str = ""
+    source: str = ""
+    does_not_claim: str = ""
+
+    def problem(self, loss: str) -> CalibrationProblem:
+        """The problem with one of the losses."""
+        return CalibrationProblem(self.robot, self.experiments, self.parameters, loss=loss)
+
+
+def is_calibration(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a calibration: TOML with ``experiments``."""
+    try:
+        return "experiments" in read_toml(Path(path))
+    except DefinitionError:
+        return False
+
+
+def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", measured: bool = True) -> Calibration:
+    """Read a calibration file and its table of experiments.
+
+    Parameters
+    ----------
+    path
+        A TOML file with ``experiments``, the name of a CSV file beside it as for
+        :func:`~ctr_opt.experiment_tables.read_experiments`, ``parameters``, ``losses``, and ``[sigma]``.
+    on_overlap
+        As in :func:`load_robot`.
+    measured
+        Whether to read the table.
+
+    Raises
+    ------
+    DefinitionError
+        One sentence that names the file, the place, the value and what is allowed.
+
+    Examples
+    --------
+    >>> len(load_calibration("problems/rjw_s1/calibration.toml").experiments)
+    80
+    """
+    from .schemas import CalibrationSchema, load_checked
+
+    file = Path(path)
+    data = at(file, "", lambda: load_checked(CalibrationSchema, read_toml(file)))
+    robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
+    table, sigma = file.parent / data["experiments"], data["sigma"]
+    tubes = len(robot.tubes)
+    given = {"sigma": sigma.get("position"), "direction_sigma": sigma.get("direction")}
+    experiments = tuple(read_experiments(table, tubes, **given)) if measured else ()
+    for loss in data["losses"]:
+        at(file, "", lambda loss=loss: choice(loss, "losses", LOSSES))  # type: ignore[misc]
+    checks = tuple(
+        Check(load_problem(file.parent / each["problem"]), np.array(each["tip_position"])) for each in data["checks"]
+    )
+    found = Calibration(
+        file,
+        data["title"],
+        robot,
+        table,
+        experiments,
+        tuple(data["parameters"]),
+        tuple(data["losses"]),
+        sigma,
+        checks,
+        data.get("truth", {}),
+        data.get("description", ""),
+        data["source"]["text"],
+        data["source"].get("does_not_claim", ""),
+    )
+    if measured:
+        at(file, "", lambda: found.problem(found.losses[0]))
+    return found

@@ -1,0 +1,235 @@
+"""The report of a calibration: a page in Markdown with its figures, in the order of the paper's section III."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .calibration_files import Calibration, Check
+from .errors import DefinitionError, EstimationError
+from .forward import ForwardProblem
+from .inverse.fit_plots import figure_fit
+from .inverse.fit_report import point_errors, unit_of
+from .inverse.uncertainty import symbol
+from .plotting import save_figure
+from .robot.checks import Array
+from .robot.robot import Robot
+from .writing import write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .inverse.fit import Fit
+
+_LIMITS = (3.0, 4.0)  # mm: the paper tells which share of the tip's errors lies below
+LOSS_NAMES = {
+    "distance": "sum of distances",
+    "squared": "weighted least squares",
+    "huber": "Huber's loss",
+    "cauchy": "Cauchy's loss",
+}
+
+
+def write_report(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit], folder: Path) -> Path:
+    """Write ``report.md`` and its figures into a folder, which is made; returns the page's path.
+
+    ``fits``: by the names of their losses.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DefinitionError(f"report = {str(folder)!r} cannot be made: {error.strerror}") from None
+    save_figure(_histograms(nominal, fits), folder / "errors.png")
+    for loss, fit in fits.items():
+        save_figure(figure_fit(fit), folder / f"fit_{loss}.png")
+    page = folder / "report.md"
+    text = "\n".join(_lines(calibration, nominal, fits)) + "\n"
+    write_atomically(page, lambda part: part.write_text(text, "utf-8"))
+    return page
+
+
+def _lines(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit]) -> list[str]:
+    loaded = sum(1 for each in calibration.experiments if each.loads)
+    lines = [f"# {calibration.title}", "", calibration.description, ""]
+    lines += [
+        f"{len(calibration.experiments)} experiments, {loaded} of them loaded, from `{calibration.table.name}`.",
+        "",
+    ]
+    lines += [f"> {line}" for line in calibration.source.strip().splitlines()]
+    if calibration.does_not_claim:
+        lines += [">", f"> **{calibration.does_not_claim}**"]
+    lines += ["", "## Errors with nominal parameters", "", *_errors(nominal)]
+    lines += ["", "## Parameters", "", *_parameters(calibration, fits)]
+    for loss, fit in fits.items():
+        lines += _undetermined(loss, fit)
+    for loss, fit in fits.items():
+        lines += ["", f"## Errors with calibrated parameters: {LOSS_NAMES[loss]}", "", *_errors(fit)]
+    lines += ["", "![Errors of the tip](errors.png)", "", "## Experiments that do not fit", "", *_outliers(fits)]
+    if calibration.checks:
+        lines += ["", "## Prediction of what was not fitted", "", *_checks(calibration, fits)]
+    for loss, fit in fits.items():
+        lines += ["", f"## The fit in full: {LOSS_NAMES[loss]}", "", "```", fit.report(), "```"]
+        lines += ["", f"![Errors, residuals, correlations, confidence](fit_{loss}.png)"]
+    return lines
+
+
+def _table(header: list[str], rows: list[list[str]]) -> list[str]:
+    line = "| " + " | ".join(header) + " |"
+    rule = "| " + " | ".join(["---", *["---:"] * (len(header) - 1)]) + " |"
+    return [line, rule, *("| " + " | ".join(row) + " |" for row in rows)]
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------
+
+
+def tip_errors(fit: Fit) -> tuple[Array, Array, Array]:
+    """Of the experiments whose tip was measured: its error (m), its arc length (m), and whether there was a load."""
+    from .inverse.measurements import PositionMeasurement
+
+    errors, lengths, loaded = [], [], []
+    tips = {}
+    for k, experiment in enumerate(fit.estimation.experiments):
+        for j, each in enumerate(experiment.measurements):
+            if isinstance(each, PositionMeasurement) and None in each.arc_length:
+                tips[k, j] = each.arc_length.index(None)
+    seen: dict[tuple[int, int], int] = {}
+    for each in fit.residuals:
+        key = (each.experiment, each.measurement)
+        i = seen.setdefault(key, 0)
+        seen[key] += 1
+        if tips.get(key) == i:
+            errors.append(each.size)
+            lengths.append(each.arc_length)
+            loaded.append(bool(fit.estimation.experiments[each.experiment].loads))
+    return np.array(errors), np.array(lengths), np.array(loaded, dtype=bool)
+
+
+def _errors(fit: Fit) -> list[str]:
+    groups = [(name, sizes) for name, sizes in point_errors(fit.residuals, fit).items()]
+    errors, lengths, loaded = tip_errors(fit)
+    if len(errors) and loaded.any() and not loaded.all():
+        groups += [("tip, unloaded", errors[~loaded]), ("tip, loaded", errors[loaded])]
+    rows = [
+        [name, str(len(e)), *(f"{1e3 * x:.2f}" for x in (e.mean(), np.median(e), e.std(), e.min(), e.max()))]
+        for name, e in groups
+    ]
+    lines = _table(["error [mm]", "points", "mean", "median", "sd", "least", "largest"], rows)
+    if len(errors):
+        shares = [f"{np.mean(1e3 * errors < limit):.0%} below {limit:g} mm" for limit in _LIMITS]
+        share = errors / lengths
+        worst = int(errors.argmax())
+        lines += [
+            "",
+            f"Of the tip's errors {' and '.join(shares)}; in the mean {share.mean():.2%} of the arc length, at most "
+            f"{share.max():.2%}. The largest, {1e3 * errors[worst]:.2f} mm, at an arc length of {1e3 * lengths[worst]:.1f} mm "
+            f"({share[worst]:.2%}).",
+        ]
+    return lines
+
+
+def _outliers(fits: Mapping[str, Fit]) -> list[str]:
+    lines = []
+    for loss, fit in fits.items():
+        if not fit.outliers:
+            lines.append(f"- {LOSS_NAMES[loss]}: none.")
+        for k in fit.outliers:
+            each = fit.estimation.experiments[k]
+            worst = max((r for r in fit.residuals if r.experiment == k), key=lambda r: r.size)
+            turned = ", ".join(f"{x:g}" for x in np.round(np.rad2deg(each.actuation.rotations), 2))
+            pushed = ", ".join(f"{x:g}" for x in np.round(1e3 * each.actuation.translations, 3))
+            lines.append(
+                f"- {LOSS_NAMES[loss]}: {each.name or k} ({turned} deg; {pushed} mm; {'loaded' if each.loads else 'unloaded'}): "
+                f"{1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, influence (Cook's distance) {fit.influence[k]:.2g}. "
+                "It was fitted with the others; look for a mistake in its record."
+            )
+    return lines
+
+
+# -- parameters --------------------------------------------------------------------------------------------------------
+
+
+def _parameters(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
+    first = next(iter(fits.values()))
+    truth = calibration.truth.get("values", {})
+    header = ["parameter", "nominal", *(LOSS_NAMES[loss] for loss in fits)]
+    header += ["truth"] if truth else []
+    rows = []
+    for k, label in enumerate(first.labels):
+        factor, unit = unit_of(label)
+        row = [f"{symbol(label)} [{unit}]", f"{factor * first.estimation.unknowns.initial[k]:.6g}"]
+        for fit in fits.values():
+            value, error = _flat(fit.values)[k], _flat(fit.standard_errors)[k]
+            row.append(f"{factor * value:.5g} ± {factor * error:.2g}" if np.isfinite(error) else "not determined")
+        if truth:
+            row.append(f"{factor * _flat({name: truth.get(name, np.nan) for name in first.names}, first)[k]:.5g}")
+        rows.append(row)
+    return _table(header, rows)
+
+
+def _flat(values: Mapping[str, Any], like: Fit | None = None) -> Array:
+    if like is None:
+        return np.concatenate([np.ravel(each) for each in values.values()])
+    sizes = {entry.name: entry.size for entry in like.estimation.unknowns.entries}
+    return np.concatenate([np.broadcast_to(np.ravel(each), sizes[name]) for name, each in values.items()])
+
+
+def _undetermined(loss: str, fit: Fit) -> list[str]:
+    if not fit.undetermined:
+        return []
+    lines = ["", f"Not determined ({LOSS_NAMES[loss]}):", "", *(f"- {direction}" for direction in fit.undetermined)]
+    return lines + [f"- but {name} = {ratio:.4g} ± {error:.2g}" for name, (ratio, error) in fit.ratios.items()]
+
+
+# -- checks ------------------------------------------------------------------------------------------------------------
+
+
+def check_error(robot: Robot, check: Check) -> tuple[float, float]:
+    """Distance of a predicted tip from the measured one, m, and over the arc length."""
+    shape = ForwardProblem(robot).solve(check.problem.actuation, check.problem.loads)
+    error = float(np.linalg.norm(shape.tip_position - check.tip_position))
+    return error, error / shape.length
+
+
+def _checks(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
+    rows = []
+    for check in calibration.checks:
+        robots: list[Robot | None] = [calibration.robot]
+        for fit in fits.values():
+            try:
+                robots.append(fit.robot)
+            except EstimationError:
+                robots.append(None)
+        cells = []
+        for robot in robots:
+            if robot is None:
+                cells.append("not determined")
+                continue
+            error, share = check_error(robot, check)
+            cells.append(f"{1e3 * error:.2f} ({share:.2%})")
+        rows.append([check.problem.title, *cells])
+    return _table(["tip error [mm] (of the length)", "nominal", *(LOSS_NAMES[loss] for loss in fits)], rows)
+
+
+def _histograms(nominal: Fit, fits: Mapping[str, Fit]) -> Figure:
+    """The paper's Fig. 12: errors of the tip, nominal and calibrated, on the same axes."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(
+        1, 1 + len(fits), figsize=(4.0 * (1 + len(fits)), 3.4), sharex=True, constrained_layout=True
+    )
+    named = {"nominal": nominal, **{LOSS_NAMES[loss]: fit for loss, fit in fits.items()}}
+    errors = {name: 1e3 * tip_errors(fit)[0] for name, fit in named.items()}
+    largest = max((float(each.max()) for each in errors.values() if len(each)), default=1.0)
+    bins = np.linspace(0.0, largest, 25)
+    for ax, (name, sizes) in zip(np.atleast_1d(axes), errors.items(), strict=True):
+        ax.hist(sizes, bins, color="tab:blue", edgecolor="white")
+        if len(sizes):
+            ax.axvline(sizes.mean(), color="black", linestyle="--", linewidth=1.0, label=f"mean {sizes.mean():.2f} mm")
+            ax.legend(frameon=False)
+        ax.set_title(name)
+        ax.set_xlabel("error of the tip [mm]")
+    np.atleast_1d(axes)[0].set_ylabel("experiments")
+    return figure
