@@ -172,7 +172,7 @@ INLINE void carry(const Track *track, const double *linear, const int flags, con
       continue;
     }
     const double *change = forcing->change, *longer = forcing->longer;
-    forcing->at_stage(forcing->of, j);
+    if (forcing->at_stage) forcing->at_stage(forcing->of, j);
     apply_by_parts_and_data(by_parts, aside, change, part, width);
     if (flags & DISTRIBUTED) apply_slopes_and_data(outer, aside, part, change, turned[j], width);
     else apply_slopes_and_tubes(outer, aside, part, change, turned[j], width);
