@@ -25,7 +25,7 @@ _SOURCES = ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter"
 
 @attrs.frozen(eq=False)
 class Directions:
-    """Directions, changes of precurvature that some of them are, and parameters as combinations ``(rows, parameters)``."""
+    """Directions, the changes of precurvature among them, and parameters as combinations ``(rows, parameters)``."""
 
     rows: list[Row]
     tables: Array

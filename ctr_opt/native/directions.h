@@ -33,7 +33,7 @@ typedef struct {
   const Case *c;
   const Asked *asked;
   const double *z;
-  int blocks, columns;
+  int blocks, columns, by_data; /* by_data: some change the data along the robot */
   Lane *lane;
   double *along; /* NX x BLOCK of each block */
   int *awake;    /* whether it has a number other than zero */
@@ -83,6 +83,15 @@ static int class_of(int kind) {
 /* Nothing that is known here depends on the position: it is not carried along. */
 static int carried(int kind) { return kind != BY_POSITION; }
 
+/* Whether it changes data along the robot, and not merely where steps end. */
+static int changes_data(const Robot *robot, int kind) {
+  switch (kind) {
+    case BY_BENDING: case BY_TORSIONAL: case BY_SPAN_FORCE: case BY_SPAN_MOMENT: case BY_PRECURVATURE: return 1;
+    case BY_TRANSLATION: case BY_PLACE: return robot->degree > 0;
+    default: return 0;
+  }
+}
+
 static int line_up(const Case *c, const double *z, const Asked *asked, Lanes *lanes) {
   const int n = NZ + asked->count, most = (n + BLOCK - 1) / BLOCK;
   *lanes = (Lanes){.c = c, .asked = asked, .z = z, .columns = n};
@@ -96,7 +105,9 @@ static int line_up(const Case *c, const double *z, const Asked *asked, Lanes *la
       const int *row = asked->directions + 3 * (k - NZ);
       const Lane lane = k < NZ ? (Lane){BY_UNKNOWN, k, 0, k} : (Lane){row[0], row[1], row[2], k};
       if (k >= NZ && check_direction(c->layout, &lane)) return REFUSED;
-      if (class_of(lane.kind) == class && carried(lane.kind)) lanes->lane[next++] = lane;
+      if (class_of(lane.kind) != class || !carried(lane.kind)) continue;
+      lanes->lane[next++] = lane;
+      lanes->by_data |= changes_data(c->layout->robot, lane.kind);
     }
   lanes->blocks = (next + BLOCK - 1) / BLOCK;
   while (next < lanes->blocks * BLOCK) lanes->lane[next++] = (Lane){NOTHING, 0, 0, -1};

@@ -30,7 +30,9 @@ static int span_datum(const Layout *layout, const Lane *lane, double *unit) {
   return (moment ? DATA_MOMENT + tube : DATA_FORCE) + lane->component;
 }
 
-/* Changes that are the same all along the step; whether there are any, these or others. */
+enum { LENGTHENED = 1, CHANGED = 2 };
+
+/* Changes that are the same all along the step; what is changed, also along it. */
 static int change_lane(Change *of, int l) {
   const Case *c = of->lanes->c;
   const Layout *layout = c->layout;
@@ -40,21 +42,21 @@ static int change_lane(Change *of, int l) {
     case BY_BENDING:
       if (!present(layout, of->step, lane->index)) return 0;
       of->change[(DATA_BENDING_STIFFNESS + lane->index) * BLOCK + l] = 1.0 / layout->stiffness;
-      return 1;
+      return CHANGED;
     case BY_TORSIONAL:
       of->change[(DATA_TORSIONAL_STIFFNESS + lane->index) * BLOCK + l] = 1.0 / layout->stiffness;
-      return 1;
+      return CHANGED;
     case BY_SPAN_FORCE: case BY_SPAN_MOMENT: {
       if (!covers(layout, lane->index, of->step)) return 0;
       const int datum = span_datum(layout, lane, &unit);
       of->change[datum * BLOCK + l] = unit;
-      return 1;
+      return CHANGED;
     }
-    case BY_PRECURVATURE: return present(layout, of->step, lane->component);
+    case BY_PRECURVATURE: return present(layout, of->step, lane->component) ? CHANGED : 0;
     case BY_TRANSLATION: case BY_PLACE:
       step_ends(layout, of->step, lane, of->ends[l]);
       of->longer[l] = (of->ends[l][1] - of->ends[l][0]) / layout->length;
-      return of->longer[l] != 0.0 || of->ends[l][0] != 0.0 || (c->flags[of->step] & VARYING);
+      return (of->longer[l] != 0.0 ? LENGTHENED : 0) | (c->flags[of->step] & VARYING ? CHANGED : 0);
     default: return 0;
   }
 }
@@ -103,15 +105,14 @@ static void carry_block(Lanes *lanes, int b, int step, const double *linear) {
   change.lanes = lanes;
   change.lane = lanes->lane + b * BLOCK;
   change.step = step;
-  memset(change.change, 0, sizeof change.change);
   memset(change.longer, 0, sizeof change.longer);
-  int any = 0;
-  for (int l = 0; l < BLOCK; l++) any |= change_lane(&change, l);
-  const Forcing forcing = {change_at, &change, change.change, change.longer};
-  if (!any && !lanes->awake[b]) return;
+  if (lanes->by_data) memset(change.change, 0, sizeof change.change);
+  int what = 0;
+  for (int l = 0; l < BLOCK; l++) what |= change_lane(&change, l);
+  if (!what && !lanes->awake[b]) return;
   lanes->awake[b] = 1;
-  if (any) carry(&c->track, linear, c->flags[step], 1, &forcing, along, BLOCK);
-  else carry(&c->track, linear, c->flags[step], 1, NULL, along, BLOCK);
+  const Forcing forcing = {change_at, &change, what & CHANGED ? change.change : NULL, change.longer};
+  carry(&c->track, linear, c->flags[step], lanes->by_data, what ? &forcing : NULL, along, BLOCK);
 }
 
 /* What a change of the load itself does to the state behind it, which is linear in it. */

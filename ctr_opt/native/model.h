@@ -154,7 +154,8 @@ static int evaluate(Layout *layout, const double *z, const Asked *asked, Answer 
   for (int k = 0; k < c.track.steps; k++) {
     const double *column = c.columns + (size_t)k * column_size(c.track.rk);
     const int section = layout->step[k].section, last = layout->last[section + 1] == k;
-    record(&c.track, column, c.flags[k], 1, x, linear);
+    if (lanes.by_data) record(&c.track, column, c.flags[k], 1, x, linear);
+    else record(&c.track, column, c.flags[k], 0, x, linear);
     for (int b = 0; b < lanes.blocks; b++) carry_block(&lanes, b, k, linear);
     if (last) probe_all(&lanes, k, x, answer);
     if (last && c.flags[k] & LOADED) jump_lanes(&lanes, section + 1, point_data(c.track.rk, column), x);

@@ -135,8 +135,8 @@ INLINE void record(const Track *track, const double *column, const int flags, co
     for (int r = 0; r < end; r++) x[r] += length * rk->weights[i] * linear[i * of.size + r];
 }
 
-/* How directions change the data of a step: `at_stage` writes the change of those that vary along it into `change`
-   (DATA x width), where the others stand; and by how much they lengthen the step. */
+/* By how much directions lengthen a step, and how they change its data (DATA x width, or NULL): `at_stage` writes those
+   that vary along it, where the others stand. */
 typedef struct {
   void (*at_stage)(void *of, int stage);
   void *of;
@@ -166,18 +166,18 @@ INLINE void carry(const Track *track, const double *linear, const int flags, con
       for (int k = 0; k < width; k++) aside[r * width + k] = sums[k];
     }
     const double *slope = linear + j * of.size, *by_parts = slope + NX, *outer = slope + of.outer;
-    if (!forcing) {
+    if (forcing && forcing->change) {
+      const double *change = forcing->change;
+      forcing->at_stage(forcing->of, j);
+      apply_by_parts_and_data(by_parts, aside, change, part, width);
+      if (flags & DISTRIBUTED) apply_slopes_and_data(outer, aside, part, change, turned[j], width);
+      else apply_slopes_and_tubes(outer, aside, part, change, turned[j], width);
+    } else {
       apply_by_parts(by_parts, aside, part, width);
       apply_slopes(outer, aside, part, turned[j], width);
-      continue;
     }
-    const double *change = forcing->change, *longer = forcing->longer;
-    if (forcing->at_stage) forcing->at_stage(forcing->of, j);
-    apply_by_parts_and_data(by_parts, aside, change, part, width);
-    if (flags & DISTRIBUTED) apply_slopes_and_data(outer, aside, part, change, turned[j], width);
-    else apply_slopes_and_tubes(outer, aside, part, change, turned[j], width);
-    for (int r = 0; r < NX; r++)
-      for (int k = 0; k < width; k++) turned[j][r * width + k] += longer[k] * slope[r];
+    for (int r = 0; forcing && r < NX; r++)
+      for (int k = 0; k < width; k++) turned[j][r * width + k] += forcing->longer[k] * slope[r];
   }
   for (int i = 0; i < rk->stages; i++) {
     const double weight = rk->weights[i];
