@@ -7,7 +7,7 @@ entry point are from one, where the robot would then be, and how both change wit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import attrs
 import numpy as np
@@ -124,18 +124,29 @@ class Predictions:
         self._rows = [_rows(robot, loads, own) for (_, loads), own in zip(experiments, places, strict=True)]
         self._addresses = np.array([rows.address for rows in self._rows], dtype=np.uintp)
         self.actuations = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
-        for each in experiments[:1]:
-            _check(robot, names, *each)
-        asked = [
-            Directions.of(robot, each[1], rows.rows, names, len(places[0]))
-            for each, rows in zip(experiments, self._rows, strict=True)
-        ]
+        _check(robot, names, *experiments[0])
+        asked = self._directions(names, experiments, len(places[0]))
         self._combination = asked[0].combination
         self.parameters = self._combination.shape[1]
         own = np.array([[(k, tube) for k, (_, tube) in enumerate(each)] for each in places], dtype=np.intc)
         directions = np.array([each.rows for each in asked], dtype=np.intc).reshape(len(asked), -1, 3)
         self._questions = Questions(directions, asked[0].tables, own.reshape(len(asked), -1, 2))
         self._sizes = len(asked), own.shape[1], directions.shape[1]
+
+    def _directions(self, names: Sequence[str], experiments: Sequence[Experiment], probes: int) -> list[Directions]:
+        """Of each experiment; those whose loads are alike share them."""
+        made: dict[tuple[Any, ...], Directions] = {}
+        found = []
+        for (_, loads), rows in zip(experiments, self._rows, strict=True):
+            key = tuple(
+                (type(load), getattr(load, "arc_length", None) is None, rows.rows[k]) for k, load in enumerate(loads)
+            )
+            if key not in made:
+                made[key] = Directions.of(self.robot, loads, rows.rows, names, probes)
+            found.append(made[key])
+        if len({each.combination.shape for each in found}) > 1:
+            raise DefinitionError("experiments: loads of one name must be of one kind in all of them")
+        return found
 
     def at(self, unknowns: Array, inner: bool = False) -> Predicted:
         """Everything at unknowns ``(experiments, unknowns)``, N m and N, in the order of ``Equilibrium.unknowns``."""
