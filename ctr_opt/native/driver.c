@@ -219,67 +219,89 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
   return failed;
 }
 
-/* The turn of the frame in the world, from a change of the state: R times the body's turn, with that of a tube about the
-   tangent. */
-static void pose_rates(const double *x, const double *along, int width, int tube, double *rates_) {
-  double part[3 * PADDED(EVERY)], inner[BEHIND_INNER], frame[9];
-  attitude(x, frame, inner);
-  apply_turn(inner, along, part, width);
-  for (int k = 0; k < width; k++) {
-    part[2 * width + k] += along[(AT_ANGLES + tube) * width + k];
-    for (int r = 0; r < 3; r++) {
-      rates_[r * width + k] = along[(AT_POSITION + r) * width + k];
-      rates_[(3 + r) * width + k] = frame[3 * r] * part[k] + frame[3 * r + 1] * part[width + k] + frame[3 * r + 2] * part[2 * width + k];
-    }
+/* The model at unknowns that need not be those of an equilibrium: residual, predictions and their derivatives, see
+   model.h. The first probes' point rows and the directions are the caller's; the steps are halved as often as asked for. */
+EXPORT int model(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
+                 const Asked *asked, double *residual, double *slopes_, double *poses, double *rates_, double *inner,
+                 double *inner_rates) {
+  empty();
+  Layout layout;
+  double scaled[NZ];
+  Answer answer = {residual, slopes_, poses, rates_, inner, inner_rates};
+  const int failed = again(robot, loads, actuation, refinements, &layout);
+  if (failed) return failed;
+  for (int i = 0; i < NZ; i++) scaled[i] = z[i] / unit_of(&layout, i);
+  return evaluate(&layout, scaled, asked, &answer);
+}
+
+/* The same for many experiments with as many directions and probes each; `failed` says of each what a single call would
+   return. Returns how many failed. */
+EXPORT int models(const Robot *robot, const Loads *const *loads, const double *actuations, const double *z, int count,
+                  int refinements, const Asked *const *asked, double *residual, double *slopes_, double *poses,
+                  double *rates_, double *inner, double *inner_rates, int *failed) {
+  int failures = 0;
+  for (int k = 0; k < count; k++) {
+    const size_t columns = NZ + asked[k]->count, probes = asked[k]->probe_count;
+    failed[k] = model(robot, loads[k], actuations + k * 2 * TUBES, z + k * NZ, refinements, asked[k], residual + k * NZ,
+                      slopes_ + k * NZ * columns, poses + k * probes * 12, rates_ + k * probes * 6 * columns,
+                      inner ? inner + k * probes * INSIDE : NULL,
+                      inner_rates ? inner_rates + k * probes * INSIDE * columns : NULL);
+    failures += failed[k] != 0;
   }
+  return failures;
+}
+
+enum { DERIVED = 2 * TUBES + 6 }; /* rotations, translations, force and moment */
+
+/* What a derivative at an equilibrium is in all: dy/dp - dy/dz (dr/dz)^-1 dr/dp, rows of `rows` by `count` parameters. */
+static int total_rates(int rows, int count, const double *slopes_, const double *rates_, double *total) {
+  const int columns = NZ + count;
+  double tip_[NZ * NZ], change[NZ * DERIVED];
+  for (int i = 0; i < NZ; i++) {
+    memcpy(tip_ + i * NZ, slopes_ + i * columns, sizeof(double) * NZ);
+    memcpy(change + i * count, slopes_ + i * columns + NZ, sizeof(double) * count);
+  }
+  if (solve(NZ, count, tip_, change)) return SINGULAR;
+  for (int r = 0; r < rows; r++)
+    for (int d = 0; d < count; d++) {
+      double sum = rates_[r * columns + NZ + d];
+      for (int i = 0; i < NZ; i++) sum -= rates_[r * columns + i] * change[i * count + d];
+      total[r * count + d] = sum;
+    }
+  return 0;
 }
 
 /* Pose rates of the tip of a tube (position, world turn): with rotations and translations (6 x 2 TUBES), and with a
    force and a moment in the world there (6 x 6). SI. */
 EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
                   int tube, double *jacobian, double *compliance) {
-  enum { WIDTH = PADDED(EVERY) };
+  enum { COLUMNS = NZ + DERIVED };
   empty();
   Layout layout;
-  Case c;
-  int failed = again(robot, loads, actuation, refinements, &layout);
-  if (!failed) failed = LIVE || layout.tied || layout.ends[tube] < layout.length ? REFUSED : pack(&layout, &RK8, &c);
+  double *points = take(sizeof(double) * POINT_ROW * (loads->points + 1)), pose[12];
+  if (!points) return NO_MEMORY;
+  const Loads more = {loads->points + 1, loads->spans, points, loads->span};
+  const double row[POINT_ROW] = {NAN, tube}; /* a place without a load */
+  if (loads->points) memcpy(points, loads->point, sizeof(double) * POINT_ROW * loads->points);
+  memcpy(points + POINT_ROW * loads->points, row, sizeof row);
+  int directions_[3 * DERIVED], *next = directions_, failed = again(robot, &more, actuation, refinements, &layout);
   if (failed) return failed;
-  double along[NX * WIDTH], rates_[6 * WIDTH], tip[NZ * NZ];
-  Swept swept = {.along = along};
-  sweep_along(&c, z, &swept, WIDTH, EVERY);
-  pose_rates(swept.x, along, WIDTH, tube, rates_);
-  /* What the tip conditions change by with angles, turns, forces, translations; then with unit moments. */
-  enum { OTHERS = EVERY - NZ, MOMENTS = 3 };
-  double change[NZ * (OTHERS + MOMENTS)];
-  for (int i = 0; i < NZ; i++) {
-    memcpy(tip + i * NZ, along + TIP_ROWS[i] * WIDTH, sizeof(double) * NZ);
-    memcpy(change + i * (OTHERS + MOMENTS), along + TIP_ROWS[i] * WIDTH + NZ, sizeof(double) * OTHERS);
+  if (layout.ends[tube] < layout.length) return REFUSED;
+  for (int k = 0; k < DERIVED; k++, next += 3) {
+    const int other = k - 2 * TUBES;
+    next[0] = other < 0 ? (k < TUBES ? BY_ROTATION : BY_TRANSLATION) : other < 3 ? BY_FORCE : BY_MOMENT;
+    next[1] = other < 0 ? k % TUBES : loads->points;
+    next[2] = other < 0 ? 0 : other % 3;
   }
-  double plain[NX], unit[POINT];
-  for (int d = 0; d < MOMENTS; d++) {
-    memset(unit, 0, sizeof unit);
-    unit[3 + 3 * tube + d] = 1.0;
-    behind(swept.x, unit, plain);
-    for (int i = 0; i < NZ; i++) change[i * (OTHERS + MOMENTS) + OTHERS + d] = plain[TIP_ROWS[i]] - swept.x[TIP_ROWS[i]];
+  const int probe_[2] = {loads->points, tube};
+  const Asked asked = {directions_, DERIVED, NULL, probe_, 1};
+  double residual[NZ], slopes_[NZ * COLUMNS], rates_[6 * COLUMNS], total[6 * DERIVED];
+  Answer answer = {residual, slopes_, pose, rates_, NULL, NULL};
+  failed = evaluate(&layout, z, &asked, &answer);
+  if (!failed) failed = total_rates(6, DERIVED, slopes_, rates_, total);
+  for (int r = 0; r < 6 && !failed; r++) {
+    memcpy(jacobian + r * 2 * TUBES, total + r * DERIVED, sizeof(double) * 2 * TUBES);
+    memcpy(compliance + r * 6, total + r * DERIVED + 2 * TUBES, sizeof(double) * 6);
   }
-  if (solve(NZ, OTHERS + MOMENTS, tip, change)) return SINGULAR;
-  const double length = layout.length, force = force_scale(&layout), moment = moment_scale(&layout);
-  for (int r = 0; r < 6; r++) {
-    const double out = r < 3 ? length : 1.0;
-    double total[OTHERS + MOMENTS];
-    for (int d = 0; d < OTHERS + MOMENTS; d++) {
-      total[d] = d < OTHERS ? rates_[r * WIDTH + NZ + d] : 0.0;
-      for (int i = 0; i < NZ; i++) total[d] -= rates_[r * WIDTH + i] * change[i * (OTHERS + MOMENTS) + d];
-    }
-    for (int i = 0; i < TUBES; i++) {
-      jacobian[r * 2 * TUBES + i] = out * total[ALONG_ANGLE - NZ + i];
-      jacobian[r * 2 * TUBES + TUBES + i] = out * total[ALONG_TRANSLATION - NZ + i] / length;
-    }
-    for (int d = 0; d < 3; d++) {
-      compliance[r * 6 + d] = out * total[ALONG_FORCE - NZ + d] / force;
-      compliance[r * 6 + 3 + d] = out * total[OTHERS + d] / moment;
-    }
-  }
-  return 0;
+  return failed;
 }

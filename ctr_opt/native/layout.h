@@ -18,9 +18,13 @@ typedef struct {
   const double *point, *span;
 } Loads;
 
+/* What moves a break point: a tube, i; the arc length of a point load, TUBES + k; nothing. A point row of zeros breaks no
+   step, so that it may lie wherever it likes: it is IDLE. */
+enum { IDLE = -2, FIXED = -1 };
+
 typedef struct {
   double s;
-  int mover; /* the tube that carries it along, or -1 */
+  int mover;
 } Break;
 
 typedef struct {
@@ -33,9 +37,10 @@ typedef struct {
   const Loads *loads;
   const double *rotations, *translations;
   double ends[TUBES], length, stiffness;
-  int breaks, tied; /* tied: break points of different tubes coincide */
+  int breaks;
   Break *at;
   int *of_point, *of_span; /* break points of the loads: one each, two each */
+  int *tied; /* of each mover (TUBES + points): whether something else is where it is, and would be parted from it */
   int steps;
   Step *step;
   int *last; /* of each break point: the step that ends there */
@@ -163,8 +168,25 @@ static int place(const Layout *layout, double s, double index, Break *found) {
     return 0;
   }
   if (!(s >= 0.0 && s <= end + SAME_POINT * layout->length)) return REFUSED;
-  *found = (Break){fmin(s, end), -1};
+  *found = (Break){fmin(s, end), FIXED};
   return 0;
+}
+
+/* A point row rides on a tube's end, is idle, or moves with its own arc length. */
+static int point_mover(const double *row, int k, int mover) {
+  if (mover != FIXED) return mover;
+  return largest(2 * 3, row + LOAD_FORCE) == 0.0 ? IDLE : TUBES + k;
+}
+
+/* Another mover at a break point. */
+static void join(Layout *layout, Break *at, int mover) {
+  if (mover == IDLE || mover == at->mover) return;
+  if (at->mover == IDLE) {
+    at->mover = mover;
+    return;
+  }
+  if (at->mover >= 0) layout->tied[at->mover] = 1;
+  if (mover >= 0) layout->tied[mover] = 1;
 }
 
 static int sort_breaks(Layout *layout) {
@@ -172,21 +194,25 @@ static int sort_breaks(Layout *layout) {
   const Loads *loads = layout->loads;
   const size_t most = 2 + robot->pieces[TUBES] + TUBES + loads->points + 2 * (size_t)loads->spans;
   Break *all = layout->at = take(sizeof(Break) * most);
-  layout->of_point = take(sizeof(int) * (loads->points + 2 * (size_t)loads->spans + most));
+  layout->of_point = take(sizeof(int) * (2 * (size_t)loads->points + TUBES + 2 * (size_t)loads->spans + most));
   if (!all || !layout->of_point) return NO_MEMORY;
   layout->of_span = layout->of_point + loads->points;
   layout->last = layout->of_span + 2 * loads->spans;
+  layout->tied = layout->last + most;
+  memset(layout->tied, 0, sizeof(int) * (TUBES + loads->points));
   int count = 0;
   const double slack = SAME_POINT * layout->length;
-  all[count++] = (Break){0.0, -1};
-  for (int i = 0; i < TUBES; i++)
-    for (int k = robot->pieces[i] + i; k <= robot->pieces[i + 1] + i; k++) {
+  all[count++] = (Break){0.0, FIXED};
+  for (int i = 0; i < TUBES; i++) /* bases are behind the entry point, or there and can only be drawn back */
+    for (int k = robot->pieces[i] + i + 1; k <= robot->pieces[i + 1] + i; k++) {
       const double s = layout->translations[i] + robot->breaks[k];
       if (s >= -slack) all[count++] = (Break){fmax(s, 0.0), i};
     }
   for (int k = 0; k < loads->points; k++) {
     const double *row = loads->point + (size_t)k * POINT_ROW;
-    if (place(layout, row[LOAD_S], row[LOAD_TUBE], all + count++)) return REFUSED;
+    if (place(layout, row[LOAD_S], row[LOAD_TUBE], all + count)) return REFUSED;
+    all[count].mover = point_mover(row, k, all[count].mover);
+    count++;
   }
   for (int k = 0; k < loads->spans; k++) {
     const double *row = loads->span + (size_t)k * SPAN_ROW;
@@ -196,17 +222,12 @@ static int sort_breaks(Layout *layout) {
   }
   qsort(all, count, sizeof *all, by_arc_length);
   layout->breaks = 1;
-  layout->tied = 0;
   double before = all[0].s;
-  int movers = all[0].mover;
   for (int k = 1; k < count; k++) {
-    if (all[k].s - before > slack) {
-      layout->at[layout->breaks++] = all[k];
-      movers = all[k].mover;
-    } else if (all[k].mover != movers) {
-      layout->tied = 1;
-    }
-    before = all[k].s;
+    const Break next = all[k];
+    if (next.s - before > slack) layout->at[layout->breaks++] = next;
+    else join(layout, layout->at + layout->breaks - 1, next.mover);
+    before = next.s;
   }
   layout->at[layout->breaks - 1].s = layout->length;
   for (int i = 0; i < TUBES; i++) layout->ends[i] = layout->at[nearest(layout, layout->ends[i])].s;

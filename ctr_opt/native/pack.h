@@ -11,6 +11,11 @@ typedef struct {
 static double moment_scale(const Layout *layout) { return layout->stiffness / layout->length; }
 static double force_scale(const Layout *layout) { return layout->stiffness / (layout->length * layout->length); }
 
+/* The unit of an unknown, and of the tip condition that goes with it. */
+static double unit_of(const Layout *layout, int unknown) {
+  return unknown < 2 + TUBES ? moment_scale(layout) : force_scale(layout);
+}
+
 static void add3(double *to, const double *of, double factor) {
   for (int r = 0; r < 3; r++) to[r] += factor * of[r];
 }

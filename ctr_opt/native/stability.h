@@ -36,7 +36,7 @@ static int unstable_directions(const Case *c, const double *right, int parts, do
     double along[NX * COUNTED], doubtful, defect;
     if (k % parts == 0) memcpy(x, right + (size_t)(k / parts) * NX, sizeof x);
     directions(x, along);
-    advance_along(&c->track, column, c->flags[k], NULL, 0, x, along, COUNTED);
+    advance_along(&c->track, column, c->flags[k], x, along, COUNTED);
     if (c->flags[k] & LOADED) behind_along(point_data(c->track.rk, column), x, along, COUNTED);
     told(x, along, column, linear[k].transfer, linear[k].flexibility, &doubtful, &defect);
     if (doubtful != 0.0 || !(defect < 1.0)) return NOT_TOLD;

@@ -1,6 +1,6 @@
 /* Integration along the robot, alone and with directions of change.
 
-   The model (rates, slopes, drift, behind) is generated from the symbolic equations. The data of a step stand in a column
+   The model (rates, slopes, behind) is generated from the symbolic equations. The data of a step stand in a column
    of numbers: its length, the parts PART_SIZE, and the point load at its end. */
 
 enum { DISTRIBUTED = 1, VARYING = 2, LOADED = 4 }; /* loads per length; precurvature that varies; a point load ends it */
@@ -96,71 +96,102 @@ static void sweep(const Track *track, double *x, double *right, double *left, do
   }
 }
 
-/* How directions move the data of a step: its ends, and the tubes under it. */
+/* The equations linearized along a step, a block of numbers for each stage: the rate, and the nonzeros of its derivatives by
+   parts, the outer ones times the step's length; `by_data` with those by the data. */
 typedef struct {
-  const double *shift;   /* derivative of the precurvature by arc length, 3 x TUBES a node */
-  const double *ends;    /* change of start and end of the step with each translation, 2 x TUBES */
-} Motion;
+  int size, outer; /* of a block, and where the outer ones begin in it */
+} Blocks;
 
-/* A step with directions `along` (NX x width); with `motion`, those from `first` on are the translations. */
-INLINE void advance_along(const Track *track, const double *column, int flags, const Motion *motion, const int first,
-                          double *restrict x, double *restrict along, const int width) {
+INLINE Blocks blocks(const int by_data) {
+  return by_data ? (Blocks){NX + INNER_BY_DATA + OUTER_BY_DATA, NX + INNER_BY_DATA} : (Blocks){NX + INNER + OUTER, NX + INNER};
+}
+
+/* A step, and the equations along it. */
+INLINE void record(const Track *track, const double *column, const int flags, const int by_data, double *restrict x,
+                   double *restrict linear) {
   const Tableau *rk = track->rk;
-  double slope[MOST_STAGES][NX], inner[NX], by_parts[INNER], outer[OUTER];
-  double turned[MOST_STAGES][NX * width], aside[NX * width], part[5 * width];
+  const Blocks of = blocks(by_data);
   const double length = column[0];
   const int end = ROWS_END(flags);
+  double inner[NX];
   memcpy(inner, x, sizeof inner);
-  memcpy(aside, along, sizeof aside);
   for (int j = 0; j < rk->stages; j++) {
     const double *row = rk->matrix + j * rk->stages, *data[PARTS];
+    double sum[NX] = {0};
+    for (int i = 0; i < j; i++)
+      if (row[i] != 0.0)
+        for (int r = FIRST_ROW; r < end; r++) sum[r] += row[i] * linear[i * of.size + r];
+    for (int r = FIRST_ROW; r < end; r++) inner[r] = x[r] + length * sum[r];
+    at_node(track, column, j, data);
+    double *slope = linear + j * of.size, *by_parts = slope + NX, *outer = slope + of.outer;
+    if (by_data && flags & DISTRIBUTED) slopes_by_data(inner, data, slope, by_parts, outer);
+    else if (by_data) free_slopes_by_data(inner, data, slope, by_parts, outer);
+    else if (flags & DISTRIBUTED) slopes(inner, data, slope, by_parts, outer);
+    else free_slopes(inner, data, slope, by_parts, outer);
+    const int nonzeros = !by_data ? OUTER : flags & DISTRIBUTED ? OUTER_BY_DATA : OUTER_BY_TUBES;
+    for (int k = 0; k < nonzeros; k++) outer[k] *= length;
+  }
+  for (int i = 0; i < rk->stages; i++)
+    for (int r = 0; r < end; r++) x[r] += length * rk->weights[i] * linear[i * of.size + r];
+}
+
+/* By how much directions lengthen a step, and how they change its data (DATA x width, or NULL): `at_stage` writes those
+   that vary along it, where the others stand. */
+typedef struct {
+  void (*at_stage)(void *of, int stage);
+  void *of;
+  const double *change, *longer;
+} Forcing;
+
+/* Directions `along` (NX x width) through a recorded step. */
+INLINE void carry(const Track *track, const double *linear, const int flags, const int by_data, const Forcing *forcing,
+                  double *restrict along, const int width) {
+  const Blocks of = blocks(by_data);
+  const Tableau *rk = track->rk;
+  const int end = ROWS_END(flags);
+  double turned[MOST_STAGES][NX * width], aside[NX * width], part[5 * width];
+  memcpy(aside, along, sizeof aside);
+  for (int j = 0; j < rk->stages; j++) {
+    const double *row = rk->matrix + j * rk->stages;
     int used[MOST_STAGES], count = 0;
     for (int i = 0; i < j; i++)
       if (row[i] != 0.0) used[count++] = i;
     for (int r = FIRST_ROW; r < end; r++) {
-      double sum = 0.0, sums[width];
+      double sums[width];
       for (int k = 0; k < width; k++) sums[k] = along[r * width + k];
       for (int m = 0; m < count; m++) {
         const double weight = row[used[m]], *add = turned[used[m]] + r * width;
-        sum += weight * slope[used[m]][r];
         for (int k = 0; k < width; k++) sums[k] += weight * add[k];
       }
-      inner[r] = x[r] + length * sum;
       for (int k = 0; k < width; k++) aside[r * width + k] = sums[k];
     }
-    at_node(track, column, j, data);
-    if (flags & DISTRIBUTED) slopes(inner, data, slope[j], by_parts, outer);
-    else free_slopes(inner, data, slope[j], by_parts, outer);
-    for (int k = 0; k < OUTER; k++) outer[k] *= length;
-    apply_by_parts(by_parts, aside, part, width);
-    apply_slopes(outer, aside, part, turned[j], width);
-    if (motion) {
-      const double *ends = motion->ends;
-      for (int d = 0; d < TUBES; d++) {
-        const double longer = ends[TUBES + d] - ends[d];
-        if (longer != 0.0)
-          for (int r = 0; r < NX; r++) turned[j][r * width + first + d] += longer * slope[j][r];
-      }
-      if (flags & VARYING) {
-        double change[TUBES * NX];
-        drift(inner, data, motion->shift + 3 * TUBES * j, change);
-        for (int d = 0; d < TUBES; d++) {
-          const double moved = ends[d] + rk->nodes[j] * (ends[TUBES + d] - ends[d]);
-          for (int r = 0; r < NX; r++) {
-            double sum = 0.0;
-            for (int i = 0; i < TUBES; i++) sum += change[r * TUBES + i] * (moved - (i == d));
-            turned[j][r * width + first + d] += length * sum;
-          }
-        }
-      }
+    const double *slope = linear + j * of.size, *by_parts = slope + NX, *outer = slope + of.outer;
+    if (forcing && forcing->change) {
+      const double *change = forcing->change;
+      forcing->at_stage(forcing->of, j);
+      apply_by_parts_and_data(by_parts, aside, change, part, width);
+      if (flags & DISTRIBUTED) apply_slopes_and_data(outer, aside, part, change, turned[j], width);
+      else apply_slopes_and_tubes(outer, aside, part, change, turned[j], width);
+    } else {
+      apply_by_parts(by_parts, aside, part, width);
+      apply_slopes(outer, aside, part, turned[j], width);
     }
+    for (int r = 0; forcing && r < NX; r++)
+      for (int k = 0; k < width; k++) turned[j][r * width + k] += forcing->longer[k] * slope[r];
   }
   for (int i = 0; i < rk->stages; i++) {
     const double weight = rk->weights[i];
     if (weight == 0.0) continue;
-    for (int r = 0; r < end; r++) x[r] += length * weight * slope[i][r];
     for (int k = 0; k < end * width; k++) along[k] += weight * turned[i][k];
   }
+}
+
+/* A step with directions of change of the state alone. */
+INLINE void advance_along(const Track *track, const double *column, const int flags, double *restrict x,
+                          double *restrict along, const int width) {
+  double linear[MOST_STAGES * (NX + INNER + OUTER)];
+  record(track, column, flags, 0, x, linear);
+  carry(track, linear, flags, 0, NULL, along, width);
 }
 
 /* State and directions behind a point load. */

@@ -34,6 +34,16 @@ class _Loads(ctypes.Structure):
     _fields_ = (("points", ctypes.c_int), ("spans", ctypes.c_int), ("point", _DOUBLES), ("span", _DOUBLES))
 
 
+class _Asked(ctypes.Structure):
+    _fields_ = (
+        ("directions", _INTS),
+        ("count", ctypes.c_int),
+        ("tables", _DOUBLES),
+        ("probes", _INTS),
+        ("probe_count", ctypes.c_int),
+    )
+
+
 def _pointer(array: NDArray[Any]) -> Any:
     return array.ctypes.data_as(_INTS if array.dtype == np.intc else _DOUBLES)
 
@@ -62,20 +72,30 @@ class RobotTable:
 
 
 class LoadRows:
-    """Loads as the compiled solver reads them."""
+    """Loads as the compiled solver reads them; ``rows`` says in which row a load's own numbers stand."""
 
-    def __init__(self, points: list[tuple[float, ...]], spans: list[tuple[float, ...]]) -> None:
+    def __init__(
+        self, points: list[tuple[float, ...]], spans: list[tuple[float, ...]], rows: dict[int, int] | None = None
+    ) -> None:
+        self.rows = rows or {}
         self._point, self._span = np.array(points, dtype=np.float64), np.array(spans, dtype=np.float64)
         self._struct = _Loads(len(points), len(spans), _pointer(self._point), _pointer(self._span))
         self.address = ctypes.addressof(self._struct)
 
     @classmethod
-    def of(cls, robot: Robot, loads: Sequence[Load]) -> LoadRows | None:
-        """The loads, or None where there are some that the compiled solver does not know."""
-        points: list[tuple[float, ...]] = []
+    def of(
+        cls, robot: Robot, loads: Sequence[Load], probes: Sequence[tuple[float | None, int]] = ()
+    ) -> LoadRows | None:
+        """The loads, or None where there are some that the compiled solver does not know.
+
+        ``probes`` are places, an arc length (or None: the end) and a tube, which come first, as point loads of zero.
+        """
+        points: list[tuple[float, ...]] = [(np.nan if s is None else s, tube, *(0.0,) * 7) for s, tube in probes]
         spans: list[tuple[float, ...]] = []
+        rows: dict[int, int] = {}
         gravity = sum((load.acceleration for load in loads if isinstance(load, Gravity)), np.zeros(3))
-        for load in loads:
+        for k, load in enumerate(loads):
+            rows[k] = len(points if isinstance(load, (PointWrench, PointMass)) else spans)
             if isinstance(load, PointWrench):
                 points.append(_row(load.arc_length, None, load, load.force, load.moment))
             elif isinstance(load, PointMass):
@@ -91,7 +111,7 @@ class LoadRows:
                 spans.append(_row(load.start, load.end, load, load.force, load.moment))
             else:
                 return None
-        return cls(points, spans)
+        return cls(points, spans, rows)
 
 
 def _row(s: float | None, end: float | None, load: Any, force: Any, moment: Any = (0.0, 0.0, 0.0)) -> tuple[float, ...]:
@@ -103,6 +123,32 @@ def _row(s: float | None, end: float | None, load: Any, force: Any, moment: Any 
 
 def _floats(vector: Any) -> Any:
     return vector.tolist() if isinstance(vector, np.ndarray) else vector
+
+
+class Questions:
+    """What is asked of the model, one experiment after the other; see ``native/directions.h``.
+
+    ``directions (experiments, k, 3)``: kinds, indices and components; ``tables``: changes of the robot's coefficients;
+    ``probes (experiments, k, 2)``: rows of point loads, and tubes.
+    """
+
+    KINDS = (
+        *("bending", "torsional", "rotation", "translation", "position", "turn"),
+        *("force", "moment", "place", "span_force", "span_moment", "precurvature"),
+    )
+
+    def __init__(self, directions: NDArray[Any], tables: NDArray[Any], probes: NDArray[Any]) -> None:
+        self._arrays = [np.ascontiguousarray(each, dtype=np.intc) for each in (directions, probes)]
+        self._tables = np.ascontiguousarray(tables, dtype=np.float64)
+        asked, places = self._arrays
+        counts = asked.shape[1], places.shape[1]
+        rows = zip(asked, places, strict=True)
+        self._structs = (_Asked * len(asked))(
+            *(_Asked(_pointer(a), counts[0], _pointer(self._tables), _pointer(b), counts[1]) for a, b in rows)
+        )
+        first, size = ctypes.addressof(self._structs), ctypes.sizeof(_Asked)
+        self._addresses = np.array([first + size * k for k in range(len(asked))], dtype=np.uintp)
+        self.addresses = self._addresses.ctypes.data
 
 
 class Goal(ctypes.Structure):
@@ -134,6 +180,8 @@ class Native:
         self.cold = function("cold", *case, _ADDRESS, _ADDRESS, _LONG)
         self.many = function("many", *case, _INT, _ADDRESS, _INT, _ADDRESS, _ADDRESS, _LONG, _ADDRESS)
         self.derive = function("derive", *case, _ADDRESS, _INT, _INT, _ADDRESS, _ADDRESS)
+        self.model = function("model", *case, _ADDRESS, _INT, *[_ADDRESS] * 7)
+        self.models = function("models", *case, _ADDRESS, _INT, _INT, *[_ADDRESS] * 8)
         self.stability = function("stability", *case, _ADDRESS, ctypes.POINTER(ctypes.c_double))
         self.inspect = function("inspect", *case, _ADDRESS, _ADDRESS)
         self.integrate = function("integrate", *case, _ADDRESS, _INT, _INT, _ADDRESS)

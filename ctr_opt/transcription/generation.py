@@ -21,7 +21,7 @@ from ..mechanics import boundary, rod
 from ..mechanics.loading import LoadKind
 from ..mechanics.sections import LARGEST_TURN, MOST_STEPS, SAME_POINT
 from ..mechanics.so3 import rotation_matrix, turn_of
-from ..mechanics.state import State
+from ..mechanics.state import State, slices
 from .columns import StepColumns
 from .integrators import runge_kutta
 from .second_variation import second_variation_functions
@@ -37,6 +37,9 @@ _DRIVER = (
     "shooting.h",
     "newton.h",
     "stability.h",
+    "directions.h",
+    "forcing.h",
+    "model.h",
     "driver.c",
 )
 
@@ -147,15 +150,22 @@ class _Model:
 
     def routines(self) -> list[_Routine]:
         """Rates, their derivatives, and the effect of a point load."""
-        own = [self._rates(), self._slopes(), self._drift(), self._behind(), self._behind_slopes(), self._attitude()]
-        own += [self._free(own[0]), self._free(own[1])]
+        own = [self._rates(), self._slopes(), self._behind(), self._behind_slopes(), self._attitude()]
+        own += [self._free(own[0]), self._free(own[1]), self._slopes_by_data("slopes_by_data", self._by_everything)]
+        own.append(self._free(self._slopes_by_data("slopes_by_data", self._by_tubes)))
         return own if self.kind.live else [*own, *self._second_variation()]
 
     def products(self) -> str:
         """The sparse products that belong to the derivatives."""
         size = State.size(self.tubes)
+        tubes, everything = (sum(self.data[name].numel() for name in names) for names in (_TUBES, self.data))
+        by_parts, by_tubes = self._by_tubes
+        parts = [("along", size), ("part", 5)]
         return "".join(
             (
+                _apply("apply_by_parts_and_data", by_parts, [("along", size), ("change", tubes)], "part"),
+                _apply("apply_slopes_and_tubes", by_tubes, [*parts, ("change", tubes)], "out"),
+                _apply("apply_slopes_and_data", self._by_everything[1], [*parts, ("change", everything)], "out"),
                 _apply("apply_by_parts", self._by_parts, [("along", size)], "part"),
                 _apply("apply_slopes", self._outer, [("along", size), ("part", 5)], "out"),
                 _apply("apply_turn", self._turn_rows, [("along", size)], "part"),
@@ -213,16 +223,27 @@ class _Model:
         symbols = ca.vertcat(self.turn, ca.vec(self.frame))
         return ca.sparsify(ca.substitute(matrix, symbols, ca.vertcat(ca.SX.zeros(3), ca.vec(frame))))
 
-    def _drift(self) -> _Routine:
-        """Change of the rate where a tube's precurvature goes on along the arc length, one column for each tube."""
-        own, shift = self.data["precurvature"], ca.SX.sym("shift", 3 * self.tubes)
-        columns = []
-        for i in range(self.tubes):
-            seed = ca.SX.zeros(3 * self.tubes)
-            seed[3 * i : 3 * i + 3] = shift[3 * i : 3 * i + 3]
-            columns.append(ca.jtimes(self._rate, own, seed))
-        inputs = self._inputs() | {"shift": shift}
-        return _Routine("drift", inputs, {"change": ca.horzcat(*columns).T})
+    def _by_data(self, names: Sequence[str]) -> tuple[ca.SX, ca.SX]:
+        """``_by_parts`` and ``_outer`` with columns behind them for changes of the data themselves."""
+        data = ca.vertcat(*(self.data[name] for name in names))
+        bent, _ = rod.curvature(self.state, self.local)
+        rate = rod.rates_at(self.state, self.local, self.turned_frame, self.bent).joined()
+        turned = ca.vertcat(ca.SX(3, data.numel()), ca.jacobian(bent, data))
+        direct = self._there(ca.substitute(ca.jacobian(rate, data), self.bent, bent))
+        return ca.horzcat(self._by_parts, turned), ca.horzcat(self._outer, direct)
+
+    @cached_property
+    def _by_tubes(self) -> tuple[ca.SX, ca.SX]:
+        return self._by_data(_TUBES)
+
+    @cached_property
+    def _by_everything(self) -> tuple[ca.SX, ca.SX]:
+        """The columns of the loads come last: without them, the first nonzeros are those of ``_by_tubes``."""
+        return self._by_data(list(self.data))
+
+    def _slopes_by_data(self, name: str, matrices: tuple[ca.SX, ca.SX]) -> _Routine:
+        outputs = {"rate": self._rate, "inner": _nonzeros(self._by_tubes[0]), "outer": _nonzeros(matrices[1])}
+        return _Routine(name, self._inputs(), outputs)
 
     def _behind(self) -> _Routine:
         load = self.layout.point_load(self.column, self.state)
@@ -282,6 +303,9 @@ class _Model:
             "POINT": self.point.numel(),
             "INNER": self._by_parts.nnz(),
             "OUTER": self._outer.nnz(),
+            "INNER_BY_DATA": self._by_tubes[0].nnz(),
+            "OUTER_BY_TUBES": self._by_tubes[1].nnz(),
+            "OUTER_BY_DATA": self._by_everything[1].nnz(),
             "BEHIND_INNER": self._turn_rows.nnz(),
             "BEHIND_OUTER": self._behind_outer.nnz(),
             "LANES": _lanes(tubes),
@@ -290,6 +314,8 @@ class _Model:
         }
         names |= {f"AT_{name.upper()}": part.start for name, part in State.parts(tubes).items()}
         names |= {f"PART_{name.upper()}": k for k, name in enumerate(sizes)}
+        names |= {f"DATA_{name.upper()}": part.start for name, part in slices(sizes).items()}
+        names["DATA"] = sum(sizes.values())
         assert layout.size == 1 + names["SHARED"] + names["AT_NODES"] + names["POINT"]
         text = "".join(f"static const double {name} = {value!r};\n" for name, value in _NUMBERS.items())
         text += f"#define BODY {int(self.kind.body)}\n#define LIVE {int(self.kind.live)}\n"

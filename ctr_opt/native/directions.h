@@ -1,0 +1,204 @@
+/* Directions of change, by unknowns at the entry and by parameters: each is a lane of a block, and blocks are carried along
+   the robot side by side. A lane holds derivatives of dimensionless states by one unknown or parameter in SI; units are
+   constants. */
+
+/* What may change, as it is asked for: rows of a kind, an index and a component. */
+enum {
+  BY_BENDING, BY_TORSIONAL,           /* EI, GJ of a tube */
+  BY_ROTATION, BY_TRANSLATION,        /* of a tube */
+  BY_POSITION, BY_TURN,               /* of the entry point: along an axis of the world, about its own axis */
+  BY_FORCE, BY_MOMENT,                /* of a row of the point loads, a component as it stands there */
+  BY_PLACE,                           /* a point row's arc length, where it has one */
+  BY_SPAN_FORCE, BY_SPAN_MOMENT,      /* of a row of the loads per length */
+  BY_PRECURVATURE,                    /* a table like the robot's coefficients; the component is the tube it is for */
+  KINDS,
+  BY_UNKNOWN, NOTHING,                /* not asked for: unknowns, and lanes to spare */
+};
+
+typedef struct {
+  const int *directions; /* rows of three */
+  int count;
+  const double *tables; /* changes of the robot's coefficients, one behind the other */
+  const int *probes;    /* rows of a point row, which is a place, and a tube */
+  int probe_count;
+} Asked;
+
+enum { BLOCK = 8 }; /* lanes side by side */
+
+typedef struct {
+  int kind, index, component, to; /* to: column of the results, or -1 */
+} Lane;
+
+typedef struct {
+  const Case *c;
+  const Asked *asked;
+  const double *z;
+  int blocks, columns, by_data; /* by_data: some change the data along the robot */
+  Lane *lane;
+  double *along; /* NX x BLOCK of each block */
+  int *awake;    /* whether it has a number other than zero */
+} Lanes;
+
+static const double *point_row(const Layout *layout, int k) { return layout->loads->point + (size_t)k * POINT_ROW; }
+static const double *span_row(const Layout *layout, int k) { return layout->loads->span + (size_t)k * SPAN_ROW; }
+
+static size_t table_size(const Robot *robot) { return (size_t)robot->pieces[TUBES] * (robot->degree + 1) * 3; }
+
+/* The robot with a table of changes in the place of its coefficients. */
+static Robot with_table(const Lanes *lanes, int table) {
+  Robot changed = *lanes->c->layout->robot;
+  changed.coefficients = lanes->asked->tables + table * table_size(&changed);
+  return changed;
+}
+
+/* The mover of break points that a direction moves, or IDLE. */
+static int moves(const Layout *layout, const Lane *lane) {
+  if (lane->kind == BY_TRANSLATION) return lane->index;
+  if (lane->kind != BY_PLACE) return IDLE;
+  return point_mover(point_row(layout, lane->index), lane->index, FIXED);
+}
+
+/* Where break points coincide and a direction parts them, derivatives have two sides: refused. */
+static int check_direction(const Layout *layout, const Lane *lane) {
+  const Loads *loads = layout->loads;
+  const int most[KINDS] = {TUBES, TUBES, TUBES, TUBES, 1, 1, loads->points, loads->points, loads->points, loads->spans,
+                           loads->spans, INT32_MAX};
+  const int components = lane->kind == BY_PRECURVATURE ? TUBES : 3;
+  if (lane->kind < 0 || lane->kind >= KINDS || lane->index < 0 || lane->index >= most[lane->kind]) return REFUSED;
+  if (lane->component < 0 || lane->component >= components) return REFUSED;
+  if (lane->kind == BY_PLACE && isnan(point_row(layout, lane->index)[LOAD_S])) return REFUSED;
+  const int mover = moves(layout, lane);
+  return mover >= 0 && layout->tied[mover] ? REFUSED : 0;
+}
+
+/* Lanes that change alike stand together: data along the robot, the state at the entry, or nothing before a load. */
+static int class_of(int kind) {
+  switch (kind) {
+    case BY_UNKNOWN: case BY_ROTATION: case BY_TURN: case BY_FORCE: return 0;
+    case BY_MOMENT: return 2;
+    default: return 1;
+  }
+}
+
+/* Nothing that is known here depends on the position: it is not carried along. */
+static int carried(int kind) { return kind != BY_POSITION; }
+
+/* Whether it changes data along the robot, and not merely where steps end. */
+static int changes_data(const Robot *robot, int kind) {
+  switch (kind) {
+    case BY_BENDING: case BY_TORSIONAL: case BY_SPAN_FORCE: case BY_SPAN_MOMENT: case BY_PRECURVATURE: return 1;
+    case BY_TRANSLATION: case BY_PLACE: return robot->degree > 0;
+    default: return 0;
+  }
+}
+
+static int line_up(const Case *c, const double *z, const Asked *asked, Lanes *lanes) {
+  const int n = NZ + asked->count, most = (n + BLOCK - 1) / BLOCK;
+  *lanes = (Lanes){.c = c, .asked = asked, .z = z, .columns = n};
+  lanes->lane = take(sizeof(Lane) * BLOCK * most);
+  lanes->along = take(sizeof(double) * NX * BLOCK * most);
+  lanes->awake = take(sizeof(int) * most);
+  if (!lanes->lane || !lanes->along || !lanes->awake) return NO_MEMORY;
+  int next = 0;
+  for (int class = 0; class < 3; class ++)
+    for (int k = 0; k < n; k++) {
+      const int *row = asked->directions + 3 * (k - NZ);
+      const Lane lane = k < NZ ? (Lane){BY_UNKNOWN, k, 0, k} : (Lane){row[0], row[1], row[2], k};
+      if (k >= NZ && check_direction(c->layout, &lane)) return REFUSED;
+      if (class_of(lane.kind) != class || !carried(lane.kind)) continue;
+      lanes->lane[next++] = lane;
+      lanes->by_data |= changes_data(c->layout->robot, lane.kind);
+    }
+  lanes->blocks = (next + BLOCK - 1) / BLOCK;
+  while (next < lanes->blocks * BLOCK) lanes->lane[next++] = (Lane){NOTHING, 0, 0, -1};
+  return 0;
+}
+
+/* How start and end of a step move with a direction, by a metre of it. */
+static void step_ends(const Layout *layout, int k, const Lane *lane, double *ends) {
+  const Step step = layout->step[k];
+  const Break from = layout->at[step.section], to = layout->at[step.section + 1];
+  const int mover = moves(layout, lane);
+  const double start = mover >= 0 && from.mover == mover, end = mover >= 0 && to.mover == mover;
+  ends[0] = start + (step.start - from.s) / (to.s - from.s) * (end - start);
+  ends[1] = start + (step.end - from.s) / (to.s - from.s) * (end - start);
+}
+
+/* -- at the entry ------------------------------------------------------------------------------------------------------- */
+
+/* The change of n(0) when loads per length cover more or less. */
+static void grow_force(const Case *c, const Lane *lane, double *along) {
+  const int size = column_size(c->track.rk), force = part_start(c->track.rk, PART_FORCE);
+  for (int k = 0; k < c->track.steps; k++) {
+    double ends[2];
+    if (!(c->flags[k] & DISTRIBUTED)) continue;
+    step_ends(c->layout, k, lane, ends);
+    for (int r = 0; r < 3; r++) /* constant along the step */
+      along[(AT_FORCE + r) * BLOCK] += (ends[1] - ends[0]) / c->layout->length * c->columns[(size_t)k * size + force + r];
+  }
+}
+
+static void seed_translation(const Case *c, const Lane *lane, const double *z, double *along) {
+  const Robot *robot = c->layout->robot;
+  const int i = lane->index;
+  const double sigma = -c->layout->translations[i];
+  double preset[3];
+  precurvature(robot, i, piece_of(robot, i, sigma), sigma, preset, NULL);
+  along[(AT_ANGLES + i) * BLOCK] = -moment_scale(c->layout) / robot->torsional[i] * z[2 + i] - preset[2];
+  grow_force(c, lane, along);
+}
+
+/* dR = R hat(e): half the quaternion product with the axis. */
+static void seed_turn(const Case *c, int axis, double *along) {
+  const double *q = c->layout->robot->orientation;
+  const int next = (axis + 1) % 3, other = (axis + 2) % 3;
+  along[AT_ORIENTATION * BLOCK] = -0.5 * q[1 + axis];
+  along[(AT_ORIENTATION + 1 + axis) * BLOCK] = 0.5 * q[0];
+  along[(AT_ORIENTATION + 1 + next) * BLOCK] = 0.5 * q[1 + other];
+  along[(AT_ORIENTATION + 1 + other) * BLOCK] = -0.5 * q[1 + next];
+}
+
+static void seed_span(const Case *c, const Lane *lane, double *along) {
+  const Layout *layout = c->layout;
+  const int *ends = layout->of_span + 2 * lane->index;
+  if (BODY && span_row(layout, lane->index)[SPAN_BODY] != 0.0) return;
+  along[(AT_FORCE + lane->component) * BLOCK] = (layout->at[ends[1]].s - layout->at[ends[0]].s) / force_scale(layout);
+}
+
+static void seed(const Lanes *lanes, const Lane *lane, double *along) {
+  const Case *c = lanes->c;
+  const Layout *layout = c->layout;
+  const int i = lane->index;
+  switch (lane->kind) {
+    case BY_UNKNOWN: start_unknown(c, i, 1.0 / unit_of(layout, i), along, BLOCK); break;
+    case BY_TORSIONAL:
+      along[(AT_ANGLES + i) * BLOCK] = -c->compliance[i] / layout->robot->torsional[i] * lanes->z[2 + i];
+      break;
+    case BY_ROTATION: along[(AT_ANGLES + i) * BLOCK] = 1.0; break;
+    case BY_TRANSLATION: seed_translation(c, lane, lanes->z, along); break;
+    case BY_PLACE: grow_force(c, lane, along); break;
+    case BY_TURN: seed_turn(c, lane->component, along); break;
+    case BY_FORCE:
+      if (!(BODY && point_row(layout, i)[LOAD_BODY] != 0.0))
+        along[(AT_FORCE + lane->component) * BLOCK] = 1.0 / force_scale(layout);
+      break;
+    case BY_SPAN_FORCE: seed_span(c, lane, along); break;
+    case BY_PRECURVATURE: {
+      const Robot changed = with_table(lanes, i);
+      along[(AT_ANGLES + lane->component) * BLOCK] =
+          preset_twist(&changed, lane->component, -layout->translations[lane->component]);
+      break;
+    }
+    default: break;
+  }
+}
+
+/* The directions at the entry. */
+static void start_lanes(Lanes *lanes) {
+  memset(lanes->along, 0, sizeof(double) * NX * BLOCK * lanes->blocks);
+  for (int b = 0; b < lanes->blocks; b++) {
+    double *along = lanes->along + (size_t)b * NX * BLOCK;
+    for (int l = 0; l < BLOCK; l++) seed(lanes, lanes->lane + b * BLOCK + l, along + l);
+    lanes->awake[b] = largest(NX * BLOCK, along) != 0.0;
+  }
+}

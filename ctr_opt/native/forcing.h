@@ -1,0 +1,150 @@
+/* How directions change the data along the robot, and what they do at point loads. */
+
+typedef struct {
+  const Lanes *lanes;
+  const Lane *lane; /* of the block */
+  int step;
+  double ends[BLOCK][2], change[DATA * BLOCK], longer[BLOCK];
+} Change;
+
+static double section_middle(const Layout *layout, int step) {
+  const int section = layout->step[step].section;
+  return 0.5 * (layout->at[section].s + layout->at[section + 1].s);
+}
+
+static int present(const Layout *layout, int step, int tube) { return section_middle(layout, step) < layout->ends[tube]; }
+
+static int covers(const Layout *layout, int span, int step) {
+  const int *ends = layout->of_span + 2 * span;
+  return layout->last[ends[0]] < step && step <= layout->last[ends[1]];
+}
+
+/* Where a component of a load per length stands among the data, and its unit. */
+static int span_datum(const Layout *layout, const Lane *lane, double *unit) {
+  const double *row = span_row(layout, lane->index);
+  const int tube = 3 * (int)row[SPAN_TUBE], moment = lane->kind == BY_SPAN_MOMENT;
+  *unit = layout->length / (moment ? moment_scale(layout) : force_scale(layout));
+#if BODY
+  if (row[SPAN_BODY] != 0.0) return (moment ? DATA_BODY_MOMENT : DATA_BODY_FORCE) + tube + lane->component;
+#endif
+  return (moment ? DATA_MOMENT + tube : DATA_FORCE) + lane->component;
+}
+
+enum { LENGTHENED = 1, CHANGED = 2 };
+
+/* Changes that are the same all along the step; what is changed, also along it. */
+static int change_lane(Change *of, int l) {
+  const Case *c = of->lanes->c;
+  const Layout *layout = c->layout;
+  const Lane *lane = of->lane + l;
+  double unit;
+  switch (lane->kind) {
+    case BY_BENDING:
+      if (!present(layout, of->step, lane->index)) return 0;
+      of->change[(DATA_BENDING_STIFFNESS + lane->index) * BLOCK + l] = 1.0 / layout->stiffness;
+      return CHANGED;
+    case BY_TORSIONAL:
+      of->change[(DATA_TORSIONAL_STIFFNESS + lane->index) * BLOCK + l] = 1.0 / layout->stiffness;
+      return CHANGED;
+    case BY_SPAN_FORCE: case BY_SPAN_MOMENT: {
+      if (!covers(layout, lane->index, of->step)) return 0;
+      const int datum = span_datum(layout, lane, &unit);
+      of->change[datum * BLOCK + l] = unit;
+      return CHANGED;
+    }
+    case BY_PRECURVATURE: return present(layout, of->step, lane->component) ? CHANGED : 0;
+    case BY_TRANSLATION: case BY_PLACE:
+      step_ends(layout, of->step, lane, of->ends[l]);
+      of->longer[l] = (of->ends[l][1] - of->ends[l][0]) / layout->length;
+      return (of->longer[l] != 0.0 ? LENGTHENED : 0) | (c->flags[of->step] & VARYING ? CHANGED : 0);
+    default: return 0;
+  }
+}
+
+/* The precurvature in a table, at a stage. */
+static void change_precurvature(Change *of, int l, double s) {
+  const Layout *layout = of->lanes->c->layout;
+  const Robot changed = with_table(of->lanes, of->lane[l].index);
+  const int i = of->lane[l].component;
+  double value[3];
+  if (!present(layout, of->step, i)) return;
+  const int piece = piece_of(&changed, i, section_middle(layout, of->step) - layout->translations[i]);
+  precurvature(&changed, i, piece, s - layout->translations[i], value, NULL);
+  for (int r = 0; r < 3; r++) of->change[(DATA_PRECURVATURE + 3 * i + r) * BLOCK + l] = value[r] * layout->length;
+}
+
+/* The precurvatures that pass by where the stage or a tube moves. */
+static void shift_precurvature(Change *of, int l, const double *shift, double fraction) {
+  const Lane *lane = of->lane + l;
+  const double *ends = of->ends[l], moved = ends[0] + fraction * (ends[1] - ends[0]);
+  for (int i = 0; i < TUBES; i++) {
+    const double past = (moved - (lane->kind == BY_TRANSLATION && lane->index == i)) / of->lanes->c->layout->length;
+    for (int r = 0; r < 3; r++) of->change[(DATA_PRECURVATURE + 3 * i + r) * BLOCK + l] = past * shift[3 * i + r];
+  }
+}
+
+static void change_at(void *pointer, int stage) {
+  Change *of = pointer;
+  const Case *c = of->lanes->c;
+  const Tableau *rk = c->track.rk;
+  const Step step = c->layout->step[of->step];
+  const double *shift = c->shift + ((size_t)of->step * rk->stages + stage) * 3 * TUBES;
+  for (int l = 0; l < BLOCK; l++) {
+    const int kind = of->lane[l].kind;
+    if (kind == BY_PRECURVATURE) change_precurvature(of, l, step.start + rk->nodes[stage] * (step.end - step.start));
+    if ((kind == BY_TRANSLATION || kind == BY_PLACE) && c->flags[of->step] & VARYING)
+      shift_precurvature(of, l, shift, rk->nodes[stage]);
+  }
+}
+
+/* A block through a step that was recorded. */
+static void carry_block(Lanes *lanes, int b, int step, const double *linear) {
+  const Case *c = lanes->c;
+  double *along = lanes->along + (size_t)b * NX * BLOCK;
+  Change change;
+  change.lanes = lanes;
+  change.lane = lanes->lane + b * BLOCK;
+  change.step = step;
+  memset(change.longer, 0, sizeof change.longer);
+  if (lanes->by_data) memset(change.change, 0, sizeof change.change);
+  int what = 0;
+  for (int l = 0; l < BLOCK; l++) what |= change_lane(&change, l);
+  if (!what && !lanes->awake[b]) return;
+  lanes->awake[b] = 1;
+  const Forcing forcing = {change_at, &change, what & CHANGED ? change.change : NULL, change.longer};
+  carry(&c->track, linear, c->flags[step], lanes->by_data, what ? &forcing : NULL, along, BLOCK);
+}
+
+/* What a change of the load itself does to the state behind it, which is linear in it. */
+static void change_load(const Lanes *lanes, const Lane *lane, const double *x, double *along) {
+  const Layout *layout = lanes->c->layout;
+  double row[POINT_ROW], unit[POINT] = {0}, plain[NX];
+  memcpy(row, point_row(layout, lane->index), sizeof row);
+  memset(row + LOAD_FORCE, 0, sizeof(double) * 6);
+  row[(lane->kind == BY_FORCE ? LOAD_FORCE : LOAD_MOMENT) + lane->component] = 1.0;
+  add_point(layout, row, unit);
+  behind(x, unit, plain);
+  for (int r = 0; r < NX; r++) along[r * BLOCK] += plain[r] - x[r];
+}
+
+/* State and directions behind the point loads of a break point. */
+static void jump_lanes(Lanes *lanes, int at, const double *point, double *x) {
+  double inner[BEHIND_INNER], outer[BEHIND_OUTER], y[NX];
+  behind_slopes(x, point, inner, outer);
+  for (int b = 0; b < lanes->blocks; b++) {
+    double *along = lanes->along + (size_t)b * NX * BLOCK, part[3 * BLOCK], moved[NX * BLOCK];
+    if (lanes->awake[b]) {
+      apply_turn(inner, along, part, BLOCK);
+      apply_behind(outer, along, part, moved, BLOCK);
+      memcpy(along, moved, sizeof moved);
+    }
+    for (int l = 0; l < BLOCK; l++) {
+      const Lane *lane = lanes->lane + b * BLOCK + l;
+      if ((lane->kind != BY_FORCE && lane->kind != BY_MOMENT) || lanes->c->layout->of_point[lane->index] != at) continue;
+      change_load(lanes, lane, x, along + l);
+      lanes->awake[b] = 1;
+    }
+  }
+  behind(x, point, y);
+  memcpy(x, y, sizeof y);
+}
