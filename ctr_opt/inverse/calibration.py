@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ..errors import EstimationError, SolveError
-from ..robot.checks import choice, number
+from ..robot.checks import choice, flag, number
 from ..robot.robot import Robot
 from .estimation import Estimation, Progress
 from .experiment import Experiment
@@ -38,6 +38,9 @@ class CalibrationProblem:
         small misfits, less for outliers.
     tolerance
         Of the forward solves, as in :class:`~ctr_opt.ForwardProblem`.
+    compiled
+        Default: compiled code for what it knows, where there is a compiler (waiting some seconds the first time on a
+        machine); ``False``: CasADi's virtual machine; ``True``: an error where there is no compiler.
 
     Raises
     ------
@@ -70,10 +73,12 @@ class CalibrationProblem:
         *,
         loss: str = "squared",
         tolerance: float = 1e-7,
+        compiled: bool | None = None,
     ) -> None:
         self.parameters = list(parameters) if not isinstance(parameters, (str, Parameter)) else parameters
         accepted = number(tolerance, "tolerance", least=1e-11, most=1e-2)
-        self._estimation = Estimation(robot, experiments, self.parameters, loss, accepted)
+        wanted = compiled if compiled is None else flag(compiled, "compiled")
+        self._estimation = Estimation(robot, experiments, self.parameters, loss, accepted, wanted)
 
     @property
     def robot(self) -> Robot:

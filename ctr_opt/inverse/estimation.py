@@ -19,6 +19,7 @@ from ..forward import ForwardProblem
 from ..mechanics.sections import Configuration
 from ..robot.checks import Array, choice
 from ..robot.robot import Robot
+from .compiled_model import CompiledModel, compilable
 from .experiment import Experiment
 from .losses import LOSSES, Loss
 from .measurements import Predicted
@@ -61,17 +62,18 @@ class _Layout:
 
 @attrs.frozen(eq=False)
 class _Group:
-    """Experiments that one model serves: their numbers ``start (E, k)`` at the initial values, and ``d numbers / dx``.
+    """Experiments that one model serves; ``mixing (E, numbers, own)``: what acts on each by the unknowns ``own (E, j)``.
 
-    ``mixing (E, k, own)`` by the unknowns ``own (E, j)`` acting on each; ``active`` are the numbers that they move.
+    In the virtual machine ``start (E, k)`` are all numbers at the initial values; ``symbolic.active`` of them move.
     """
 
-    model: GroupModel
     members: list[int]
-    start: Array
     own: NDArray[np.intp]
     mixing: Array
-    active: NDArray[np.intp]
+    unit: Array
+    compiled: CompiledModel | None = None
+    symbolic: GroupModel | None = None
+    start: Array | None = None
 
 
 class Estimation:
@@ -84,11 +86,13 @@ class Estimation:
         wanted: Iterable[str | Parameter],
         loss: str,
         tolerance: float,
+        compiled: bool | None = None,
     ) -> None:
         self.robot = robot
         self.experiments = _checked(robot, experiments)
         self.loss = choice(loss, "loss", LOSSES)
         self.tolerance = tolerance
+        self.compiled = compiled
         self.unknowns = Unknowns(robot, [(each.actuation, each.loads) for each in self.experiments], wanted)
         self.wanted = self.unknowns.given
         scaled = {measurement.scaled for each in self.experiments for measurement in each.measurements}
@@ -104,7 +108,7 @@ class Estimation:
     def of(self, experiments: Sequence[Experiment], wanted: Iterable[str]) -> Estimation:
         """The same of other experiments, with the parameters' own priors, bounds and scales."""
         given = {each.name: each for each in self.wanted}
-        return Estimation(self.robot, experiments, [given[name] for name in wanted], self.loss, self.tolerance)
+        return Estimation(self.robot, experiments, [given[name] for name in wanted], self.loss, self.tolerance, self.compiled)
 
     @property
     def prepared(self) -> bool:
@@ -138,7 +142,7 @@ class Estimation:
         self, x: Array, before: Sequence[Equilibrium | None] | None = None, progress: Progress | None = None
     ) -> list[Equilibrium]:
         """The experiments' equilibria at some values, each from the one ``before`` or from nothing."""
-        problem = ForwardProblem(self.unknowns.robot_at(x), tolerance=self.tolerance)
+        problem = ForwardProblem(self.unknowns.robot_at(x), tolerance=self.tolerance, compiled=self._forward)
         found: list[Equilibrium] = []
         for k, each in enumerate(self.experiments):
             start = None if before is None else before[k]
@@ -150,31 +154,38 @@ class Estimation:
                 progress("equilibria", k + 1, len(self.experiments))
         return found
 
+    @property
+    def _forward(self) -> bool | None:
+        """Whether forward solves are compiled: as soon as the model is."""
+        return True if any(group.compiled is not None for group in self._models) else self.compiled
+
     def prepare(self, equilibria: Sequence[Equilibrium]) -> None:
         """Build the groups' models, with as many steps in each section as any of the equilibria needed."""
         if self._models:
             return
         for group in range(self.groups):
             members = self.members(group)
-            steps = max(_steps(equilibria[k]) for k in members[:: max(1, len(members) // 100)])
-            first = members[0]
-            configuration = Configuration(self.robot, equilibria[first].actuation, self.experiments[first].loads)
-            asked = self.experiments[first].requests
-            self._models.append(
-                self._group(GroupModel(configuration, asked, self.layouts[first].names, steps), members)
-            )
+            first, names = members[0], self.layouts[members[0]].names
+            each = self.experiments[first]
+            configuration = Configuration(self.robot, equilibria[first].actuation, each.loads)
+            sizes = self.unknowns.sizes(names, first)
+            rows = [_rows(self.unknowns.acting(k), sizes, self.unknowns.size) for k in members]
+            own = np.array([np.flatnonzero(row.any(axis=0)) for row in rows])
+            mixing = np.array([row[:, those] for row, those in zip(rows, own, strict=True)])
+            unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
+            parts = {"members": members, "own": own, "mixing": mixing, "unit": unit}
+            if compilable(self.robot, each.loads, each.requests, names, self.compiled):
+                self._models.append(_Group(**parts, compiled=CompiledModel(each.requests, sizes)))
+            else:
+                steps = max(_steps(equilibria[k]) for k in members[:: max(1, len(members) // 100)])
+                model = GroupModel(configuration, each.requests, names, steps)
+                self._models.append(_Group(**parts, symbolic=model, start=self._numbers(model, members)))
 
-    def _group(self, model: GroupModel, members: list[int]) -> _Group:
-        start, own, mixing = [], [], []
+    def _numbers(self, model: GroupModel, members: list[int]) -> Array:
         initial = self.unknowns.initial
         values = {name: np.asarray(value) for name, value in self.unknowns.robot_numbers(initial).items()}
-        for k in members:
-            actuation, loads = self.unknowns.experiment_at(initial, k)
-            start.append(model.numbers(values, actuation, loads, self.experiments[k].requests))
-            rows = model.moved(self.unknowns.acting(k), self.unknowns.size)
-            own.append(np.flatnonzero(rows.any(axis=0)))
-            mixing.append(rows[:, own[-1]])
-        return _Group(model, members, np.array(start), np.array(own), np.array(mixing), np.array(model.active))
+        at = [(self.unknowns.experiment_at(initial, k), self.experiments[k].requests) for k in members]
+        return np.array([model.numbers(values, *experiment, requests) for experiment, requests in at])
 
     @property
     def units(self) -> list[Array]:
@@ -182,7 +193,7 @@ class Estimation:
         found: list[Array] = [np.zeros(0)] * len(self.experiments)
         for group in self._models:
             for k in group.members:
-                found[k] = group.model.unit
+                found[k] = group.unit
         return found
 
     # -- evaluation ------------------------------------------------------------------------------------------------
@@ -190,17 +201,30 @@ class Estimation:
     def linearize(self, x: Array, moments: Sequence[Array]) -> list[Linearized]:
         """All experiments at some values and base moments."""
         found: list[Linearized | None] = [None] * len(self.experiments)
-        for model in self._models:
-            theta = model.start + np.einsum("ekj,ej->ek", model.mixing, x[model.own] - self.unknowns.initial[model.own])
-            residuals, predictions, slopes = model.model.evaluate(np.array([moments[k] for k in model.members]), theta)
-            for e, k in enumerate(model.members):
-                found[k] = self._linearized(k, model, e, residuals[e], slopes[e], predictions[e])
+        for group in self._models:
+            residuals, predictions, slopes = self._evaluate(group, x, np.array([moments[k] for k in group.members]))
+            for e, k in enumerate(group.members):
+                found[k] = self._linearized(k, group, e, residuals[e], slopes[e], predictions[e])
         return [each for each in found if each is not None]
+
+    def _evaluate(self, group: _Group, x: Array, z: Array) -> tuple[Array, list[list[Predicted]], Array]:
+        """Residuals, predictions, and the residuals' slopes of a group."""
+        if group.symbolic is not None and group.start is not None:
+            theta = group.start.copy()
+            moved = x[group.own] - self.unknowns.initial[group.own]
+            theta[:, group.symbolic.active] += np.einsum("ekj,ej->ek", group.mixing, moved)
+            return group.symbolic.evaluate(z, theta)
+        assert group.compiled is not None
+        numbers = self.unknowns.robot_numbers(x)
+        experiments = [self.unknowns.experiment_at(x, k) for k in group.members]
+        requests = [self.experiments[k].requests for k in group.members]
+        angles = np.asarray(numbers.get("base.rotation", np.zeros(3)))
+        return group.compiled.evaluate(self.unknowns.robot_at(x), experiments, requests, z, angles)
 
     def _linearized(
         self, k: int, group: _Group, e: int, residual: Array, slopes: Array, predictions: list[Predicted]
     ) -> Linearized:
-        n, mix = group.model.unknowns, group.mixing[e][group.active]
+        n, mix = len(group.unit), group.mixing[e]
         misfit, jacobian, start = [], [], 0
         for each in self.experiments[k].measurements:
             count = len(each.requests)
@@ -264,6 +288,16 @@ def _blocks(experiment: Experiment) -> tuple[tuple[int, int, int], ...]:
             blocks.append((start, size, j))
             start += size
     return tuple(blocks)
+
+
+def _rows(acting: list[tuple[str, int, Array]], sizes: dict[str, int], unknowns: int) -> Array:
+    """``d numbers / dx`` of the numbers of these names, one behind the other."""
+    starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
+    rows = np.zeros((sum(sizes.values()), unknowns))
+    for name, first, part in acting:
+        start = int(starts[name]) + first
+        rows[start : start + len(part)] += part
+    return rows
 
 
 def _steps(equilibrium: Equilibrium) -> int:

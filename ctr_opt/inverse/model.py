@@ -105,14 +105,6 @@ class GroupModel:
         parts = self.problem.parts
         return [k for name in self.acting for k in range(parts[name].start, parts[name].stop)]
 
-    def moved(self, acting: Sequence[tuple[str, int, Array]], unknowns: int) -> Array:
-        """``d numbers / dx (k, unknowns)``, from :meth:`Unknowns.acting <ctr_opt.inverse.parameters.Unknowns.acting>`."""
-        rows = np.zeros((int(self.problem.theta.shape[0]), unknowns))
-        for name, first, part in acting:
-            start = self.problem.parts[name].start + first
-            rows[start : start + len(part)] += part
-        return rows
-
     @cached_property
     def function(self) -> ca.Function:
         """``(z, theta) -> (residual, values, their derivatives)``, SI."""
@@ -151,12 +143,14 @@ class GroupModel:
         return found
 
     def _carrier(self, request: Request) -> int:
-        """The tube whose frame is meant: the innermost that is there, as the configuration stands."""
+        """The tube whose frame is meant: the one that ends there, or the innermost, as the configuration stands."""
         if request.tube is not None:
             return request.tube
         ends = self.configuration.tube_ends
         s = request.place
-        at = float(ends.max()) if s is None else float(ends[s.tube]) if isinstance(s, Distal) else s
+        if isinstance(s, Distal):
+            return s.tube
+        at = float(ends.max()) if s is None else s
         slack = 1e-9 * self.configuration.length
         return int(np.flatnonzero(ends >= at - slack)[0])
 
@@ -177,7 +171,7 @@ class GroupModel:
     # -- numbers ---------------------------------------------------------------------------------------------------
 
     def numbers(
-        self, robot_values: dict[str, Array], actuation: Actuation, loads: Sequence[Load], requests: Sequence[Request]
+        self, values: dict[str, Array], actuation: Actuation, loads: Sequence[Load], requests: Sequence[Request]
     ) -> Array:
         """The numbers of an experiment as the function takes them."""
         known = parameters(self.configuration.robot, actuation, loads)
@@ -185,8 +179,8 @@ class GroupModel:
         for name, part in self.problem.parts.items():
             if name == _PROBES:
                 theta[part] = [r.place for r in requests if isinstance(r.place, float)]
-            elif name in robot_values:
-                theta[part] = np.ravel(robot_values[name])
+            elif name in values:
+                theta[part] = np.ravel(values[name])
             else:
                 theta[part] = known[name].value.ravel()
         return theta

@@ -215,6 +215,11 @@ class Unknowns:
                 found.append((base, first, rows))
         return found
 
+    def sizes(self, names: Sequence[str], experiment: int) -> dict[str, int]:
+        """How many numbers parameters of these names have in an experiment."""
+        known = parameters(self.robot, *self.experiments[experiment])
+        return {name: known[name].size for name in names}
+
     # -- reading ---------------------------------------------------------------------------------------------------
 
     def _entry(self, given: Parameter) -> Unknown:

@@ -1,0 +1,110 @@
+"""The same model by compiled code, for the parameters and measurements that it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..errors import EstimationError
+from ..predictions import Predictions, Probe, supported
+from ..robot.actuation import Actuation
+from ..robot.checks import Array
+from ..robot.loads import Load
+from ..robot.robot import Robot
+from ..solvers import compilation
+from ..solvers.native import LoadRows
+from .measurements import Distal, Predicted, Request
+
+_KINDS = ("pose", "torque")
+
+
+def compilable(
+    robot: Robot, loads: Sequence[Load], requests: Sequence[Request], acting: Sequence[str], wanted: bool | None
+) -> bool:
+    """Whether compiled code serves experiments with such loads, measurements and parameters.
+
+    ``wanted``: True waits for the compiler and raises ``CompilationError`` where there is none, None uses compiled code
+    where there is a compiler, unless it works on request only.
+    """
+    if wanted is False or (wanted is None and (compilation.on_request_only() or compilation.compiler() is None)):
+        return False
+    return (
+        all(_known(request) for request in requests)
+        and all(supported(name, robot, loads) for name in acting)
+        and LoadRows.of(robot, loads) is not None
+    )
+
+
+def _known(request: Request) -> bool:
+    """Whether it is a pose or torque, and of an end in the frame of the tube that ends there."""
+    others = isinstance(request.place, Distal) and request.tube not in (None, request.place.tube)
+    return request.kind in _KINDS and not others
+
+
+class CompiledModel:
+    """Residuals and predictions of experiments, and derivatives by the ``acting`` parameters, in one call."""
+
+    def __init__(self, requests: Sequence[Request], sizes: Mapping[str, int]) -> None:
+        self.requests = list(requests)
+        self.acting = list(sizes)
+        starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
+        self._turned = starts.get("base.rotation")
+
+    def evaluate(
+        self,
+        robot: Robot,
+        experiments: Sequence[tuple[Actuation, Sequence[Load]]],
+        requests: Sequence[Sequence[Request]],
+        z: Array,
+        angles: Array,
+    ) -> tuple[Array, list[list[Predicted]], Array]:
+        """As :meth:`GroupModel.evaluate`; ``angles`` are those of the base, by which the robot is turned already."""
+        probes = [[_probe(r) for r in own if r.kind == "pose"] for own in requests]
+        model = Predictions(robot, self.acting, experiments, probes)
+        told = model.at(z)
+        if told.failed.any():
+            k = int(np.flatnonzero(told.failed)[0])
+            raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
+        slopes, rates = told.slopes, told.rates
+        if self._turned is not None:
+            first = model.unknowns + int(self._turned)
+            part = slice(first, first + 3)
+            slopes[..., part] = slopes[..., part] @ euler_rates(angles)
+            rates[..., part] = rates[..., part] @ euler_rates(angles)
+        torque = np.zeros((1, slopes.shape[2]))
+        found = []
+        for e in range(len(z)):
+            own: list[Predicted] = []
+            probe = 0
+            for request in self.requests:
+                if request.kind == "pose":
+                    own.append(Predicted(np.vstack((told.poses[e, probe], (0.0, 0.0, 0.0, 1.0))), rates[e, probe]))
+                    probe += 1
+                else:
+                    assert request.tube is not None
+                    by_z = torque.copy()
+                    by_z[0, 2 + request.tube] = -1.0
+                    own.append(Predicted(-z[e, 2 + request.tube : 3 + request.tube], by_z))
+            found.append(own)
+        return told.residual, found, slopes
+
+
+def _probe(request: Request) -> Probe:
+    place = request.place
+    if isinstance(place, Distal):
+        return Probe(None, place.tube)
+    return Probe(place, request.tube)
+
+
+def euler_rates(angles: Array) -> Array:
+    """Takes rates of XYZ Euler angles to the angular velocity in the turned frame."""
+    _, b, c = angles
+    return np.array(
+        [
+            [np.cos(b) * np.cos(c), np.sin(c), 0.0],
+            [-np.cos(b) * np.sin(c), np.cos(c), 0.0],
+            [np.sin(b), 0.0, 1.0],
+        ]
+    )
+
