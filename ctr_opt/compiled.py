@@ -249,6 +249,13 @@ class CompiledEquilibrium(Equilibrium):
         header, start, _, _ = self.sizes
         return self._numbers[header : header + start]
 
+    @property
+    def unknowns(self) -> Array:
+        """Moments and force at the base: see :attr:`Differentiable.unknowns`."""
+        z, (moment, force) = self._block[: self.sizes[2]], self._block[-2:]
+        moments = 2 + len(self.robot.tubes)
+        return np.concatenate((z[:moments] * moment, z[moments:] * force))
+
     @cached_property
     def _base(self) -> BaseMoments:  # type: ignore[override]
         unknowns = self.sizes[2]

@@ -7,6 +7,7 @@ entry point are from one, where the robot would then be, and how both change wit
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any, TypeAlias
 
 import attrs
@@ -132,6 +133,15 @@ class Predictions:
         directions = np.array([each.rows for each in asked], dtype=np.intc).reshape(len(asked), -1, 3)
         self._questions = Questions(directions, asked[0].tables, own.reshape(len(asked), -1, 2))
         self._sizes = len(asked), own.shape[1], directions.shape[1]
+
+    def moved(self, robot: Robot, actuations: Array) -> Predictions:
+        """The same with another robot of equal pieces and actuations ``(e, 2 tubes)``, rotations and translations.
+
+        Loads and probes stay, so that tubes' weights must be as they were.
+        """
+        other = copy(self)
+        other.robot, other._table, other.actuations = robot, RobotTable(robot), actuations
+        return other
 
     def _directions(self, names: Sequence[str], experiments: Sequence[Experiment], probes: int) -> list[Directions]:
         """Of each experiment; those whose loads are alike share them."""

@@ -17,6 +17,7 @@ from ..solvers.native import LoadRows
 from .measurements import Distal, Predicted, Request
 
 _KINDS = ("pose", "torque")
+_SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
 
 
 def compilable(
@@ -50,6 +51,8 @@ class CompiledModel:
         self.acting = list(sizes)
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
+        self._kept: Predictions | None = None
+        self._fixed = not any(name.startswith("loads[") or name.endswith(_SOURCES) for name in sizes)
 
     def evaluate(
         self,
@@ -58,10 +61,9 @@ class CompiledModel:
         requests: Sequence[Sequence[Request]],
         z: Array,
         angles: Array,
-    ) -> tuple[Array, list[list[Predicted]], Array]:
+    ) -> tuple[Array, list[Predicted], Array]:
         """As :meth:`GroupModel.evaluate`; ``angles`` are those of the base, by which the robot is turned already."""
-        probes = [[_probe(r) for r in own if r.kind == "pose"] for own in requests]
-        model = Predictions(robot, self.acting, experiments, probes)
+        model = self._model(robot, experiments, requests)
         told = model.at(z)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
@@ -72,22 +74,31 @@ class CompiledModel:
             part = slice(first, first + 3)
             slopes[..., part] = slopes[..., part] @ euler_rates(angles)
             rates[..., part] = rates[..., part] @ euler_rates(angles)
-        torque = np.zeros((1, slopes.shape[2]))
-        found = []
-        for e in range(len(z)):
-            own: list[Predicted] = []
-            probe = 0
-            for request in self.requests:
-                if request.kind == "pose":
-                    own.append(Predicted(np.vstack((told.poses[e, probe], (0.0, 0.0, 0.0, 1.0))), rates[e, probe]))
-                    probe += 1
-                else:
-                    assert request.tube is not None
-                    by_z = torque.copy()
-                    by_z[0, 2 + request.tube] = -1.0
-                    own.append(Predicted(-z[e, 2 + request.tube : 3 + request.tube], by_z))
-            found.append(own)
+        found, probe = [], 0
+        for request in self.requests:
+            if request.kind == "pose":
+                found.append(Predicted(told.poses[:, probe], rates[:, probe]))
+                probe += 1
+            else:
+                assert request.tube is not None
+                by_z = np.zeros((len(z), 1, slopes.shape[2]))
+                by_z[:, 0, 2 + request.tube] = -1.0
+                found.append(Predicted(-z[:, 2 + request.tube, None], by_z))
         return told.residual, found, slopes
+
+    def _model(
+        self,
+        robot: Robot,
+        experiments: Sequence[tuple[Actuation, Sequence[Load]]],
+        requests: Sequence[Sequence[Request]],
+    ) -> Predictions:
+        """The predictions, made anew only where loads, or what follows from the robot's numbers, are others."""
+        if self._kept is not None and self._fixed:
+            joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
+            return self._kept.moved(robot, joints)
+        probes = [[_probe(r) for r in own if r.kind == "pose"] for own in requests]
+        self._kept = Predictions(robot, self.acting, experiments, probes)
+        return self._kept
 
 
 def _probe(request: Request) -> Probe:

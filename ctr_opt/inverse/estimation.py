@@ -7,6 +7,7 @@ the parameters, and ``reduced.py``, where the equilibria are solved for at each 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from typing import Any
 
 import attrs
@@ -19,6 +20,7 @@ from ..forward import ForwardProblem
 from ..mechanics.sections import Configuration
 from ..robot.checks import Array, choice
 from ..robot.robot import Robot
+from .comparison import Comparison
 from .compiled_model import CompiledModel, compilable
 from .experiment import Experiment
 from .losses import LOSSES, Loss
@@ -34,7 +36,8 @@ Progress = Callable[[str, int, int], None]
 class Linearized:
     """An experiment at some values: boundary residual and whitened misfit, and their slopes.
 
-    ``*_z`` by the base moments (SI), ``*_x`` by the unknowns ``own`` that act on the experiment.
+    ``*_z`` by the base moments (SI), ``*_x`` by the unknowns ``own`` that act on the experiment. Of a group of experiments
+    all have one axis more, the first.
     """
 
     residual: Array
@@ -43,15 +46,19 @@ class Linearized:
     misfit: Array
     misfit_z: Array
     misfit_x: Array
-    own: Array
+    own: NDArray[np.intp]
 
     def reduced(self) -> Array:
         """Slopes of the misfit by the unknowns, the robot staying in equilibrium: implicit-function theorem."""
         return np.asarray(self.misfit_x - self.misfit_z @ np.linalg.solve(self.residual_z, self.residual_x))
 
+    def of(self, k: int) -> Linearized:
+        """That of one experiment of a group."""
+        return Linearized(*(getattr(self, field.name)[k] for field in attrs.fields(Linearized)))
 
-@attrs.frozen(eq=False)
-class _Layout:
+
+@attrs.frozen(eq=False, slots=False)
+class Layout:
     """How an experiment enters: its group, the parameters acting on it, and the blocks of its misfit."""
 
     group: int
@@ -59,9 +66,19 @@ class _Layout:
     blocks: tuple[tuple[int, int, int], ...]
     """Where each block starts in the misfit, its size, and the measurement it belongs to."""
 
+    @cached_property
+    def starts(self) -> NDArray[np.intp]:
+        """Where each block starts."""
+        return np.array([start for start, _, _ in self.blocks])
+
+    @cached_property
+    def sizes(self) -> NDArray[np.intp]:
+        """The blocks' sizes."""
+        return np.array([size for _, size, _ in self.blocks])
+
 
 @attrs.frozen(eq=False)
-class _Group:
+class Group:
     """Experiments that one model serves; ``mixing (E, numbers, own)``: what acts on each by the unknowns ``own (E, j)``.
 
     In the virtual machine ``start (E, k)`` are all numbers at the initial values; ``symbolic.active`` of them move.
@@ -71,6 +88,7 @@ class _Group:
     own: NDArray[np.intp]
     mixing: Array
     unit: Array
+    comparison: Comparison
     compiled: CompiledModel | None = None
     symbolic: GroupModel | None = None
     start: Array | None = None
@@ -103,7 +121,7 @@ class Estimation:
             raise DefinitionError(f"loss = {loss!r} needs the sigma of every measurement, to tell what is an outlier")
         self.layouts = self._layouts()
         self.losses = {size: Loss(self.loss, size) for size in {b[1] for each in self.layouts for b in each.blocks}}
-        self._models: list[_Group] = []
+        self.models: list[Group] = []
 
     def of(self, experiments: Sequence[Experiment], wanted: Iterable[str]) -> Estimation:
         """The same of other experiments, with the parameters' own priors, bounds and scales."""
@@ -113,18 +131,19 @@ class Estimation:
     @property
     def prepared(self) -> bool:
         """Whether the models have been built."""
-        return bool(self._models)
+        return bool(self.models)
 
     # -- structure -------------------------------------------------------------------------------------------------
 
-    def _layouts(self) -> list[_Layout]:
+    def _layouts(self) -> list[Layout]:
         groups: dict[Any, int] = {}
         layouts = []
         for k, each in enumerate(self.experiments):
             names = tuple(dict.fromkeys(name for name, _, _ in self.unknowns.acting(k)))
-            key = (structure(self.robot, each.actuation, each.loads, each.requests), names)
+            measured = tuple((type(m), m.shape) for m in each.measurements)
+            key = (structure(self.robot, each.actuation, each.loads, each.requests), names, measured)
             group = groups.setdefault(key, len(groups))
-            layouts.append(_Layout(group, names, _blocks(each)))
+            layouts.append(Layout(group, names, _blocks(each)))
         return layouts
 
     def members(self, group: int) -> list[int]:
@@ -157,11 +176,11 @@ class Estimation:
     @property
     def _forward(self) -> bool | None:
         """Whether forward solves are compiled: as soon as the model is."""
-        return True if any(group.compiled is not None for group in self._models) else self.compiled
+        return True if any(group.compiled is not None for group in self.models) else self.compiled
 
     def prepare(self, equilibria: Sequence[Equilibrium]) -> None:
         """Build the groups' models, with as many steps in each section as any of the equilibria needed."""
-        if self._models:
+        if self.models:
             return
         for group in range(self.groups):
             members = self.members(group)
@@ -174,12 +193,13 @@ class Estimation:
             mixing = np.array([row[:, those] for row, those in zip(rows, own, strict=True)])
             unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
             parts = {"members": members, "own": own, "mixing": mixing, "unit": unit}
+            parts["comparison"] = Comparison([self.experiments[k].measurements for k in members])
             if compilable(self.robot, each.loads, each.requests, names, self.compiled):
-                self._models.append(_Group(**parts, compiled=CompiledModel(each.requests, sizes)))
+                self.models.append(Group(**parts, compiled=CompiledModel(each.requests, sizes)))
             else:
                 steps = max(_steps(equilibria[k]) for k in members[:: max(1, len(members) // 100)])
                 model = GroupModel(configuration, each.requests, names, steps)
-                self._models.append(_Group(**parts, symbolic=model, start=self._numbers(model, members)))
+                self.models.append(Group(**parts, symbolic=model, start=self._numbers(model, members)))
 
     def _numbers(self, model: GroupModel, members: list[int]) -> Array:
         initial = self.unknowns.initial
@@ -191,7 +211,7 @@ class Estimation:
     def units(self) -> list[Array]:
         """Sizes of each experiment's base moments."""
         found: list[Array] = [np.zeros(0)] * len(self.experiments)
-        for group in self._models:
+        for group in self.models:
             for k in group.members:
                 found[k] = group.unit
         return found
@@ -201,13 +221,23 @@ class Estimation:
     def linearize(self, x: Array, moments: Sequence[Array]) -> list[Linearized]:
         """All experiments at some values and base moments."""
         found: list[Linearized | None] = [None] * len(self.experiments)
-        for group in self._models:
-            residuals, predictions, slopes = self._evaluate(group, x, np.array([moments[k] for k in group.members]))
+        for group, linearized in zip(self.models, self.linearize_groups(x, moments), strict=True):
             for e, k in enumerate(group.members):
-                found[k] = self._linearized(k, group, e, residuals[e], slopes[e], predictions[e])
+                found[k] = linearized.of(e)
         return [each for each in found if each is not None]
 
-    def _evaluate(self, group: _Group, x: Array, z: Array) -> tuple[Array, list[list[Predicted]], Array]:
+    def linearize_groups(self, x: Array, moments: Sequence[Array]) -> list[Linearized]:
+        """The same, the experiments of each group together."""
+        found = []
+        for group in self.models:
+            residuals, predictions, slopes = self._evaluate(group, x, np.array([moments[k] for k in group.members]))
+            n = len(group.unit)
+            misfit, rates = group.comparison.compare(predictions)
+            parts = (slopes[..., n:] @ group.mixing, misfit, rates[..., :n], rates[..., n:] @ group.mixing)
+            found.append(Linearized(residuals, slopes[..., :n], *parts, group.own))
+        return found
+
+    def _evaluate(self, group: Group, x: Array, z: Array) -> tuple[Array, list[Predicted], Array]:
         """Residuals, predictions, and the residuals' slopes of a group."""
         if group.symbolic is not None and group.start is not None:
             theta = group.start.copy()
@@ -221,38 +251,21 @@ class Estimation:
         angles = np.asarray(numbers.get("base.rotation", np.zeros(3)))
         return group.compiled.evaluate(self.unknowns.robot_at(x), experiments, requests, z, angles)
 
-    def _linearized(
-        self, k: int, group: _Group, e: int, residual: Array, slopes: Array, predictions: list[Predicted]
-    ) -> Linearized:
-        n, mix = len(group.unit), group.mixing[e]
-        misfit, jacobian, start = [], [], 0
-        for each in self.experiments[k].measurements:
-            count = len(each.requests)
-            value, rates = each.compare(predictions[start : start + count])
-            start += count
-            misfit.append(np.einsum("bij,bj->bi", each.whitener, value).ravel())
-            jacobian.append(np.einsum("bij,bjk->bik", each.whitener, rates).reshape(-1, rates.shape[2]))
-        told, told_slopes = np.concatenate(misfit), np.vstack(jacobian)
-        return Linearized(
-            residual,
-            slopes[:, :n],
-            slopes[:, n:] @ mix,
-            told,
-            told_slopes[:, :n],
-            told_slopes[:, n:] @ mix,
-            group.own[e],
-        )
-
     def cost(self, linearized: Sequence[Linearized]) -> float:
         """The loss of the misfits, without priors."""
         return float(sum(self.block_losses(k, each.misfit)[0].sum() for k, each in enumerate(linearized)))
 
     def block_losses(self, k: int, misfit: Array) -> tuple[Array, Array, Array]:
         """``rho``, ``rho'`` and ``rho''`` of each block of an experiment."""
-        blocks = self.layouts[k].blocks
-        squared = [float(misfit[start : start + size] @ misfit[start : start + size]) for start, size, _ in blocks]
-        parts = [self.losses[size].evaluate(s) for s, (_, size, _) in zip(squared, blocks, strict=True)]
-        rho, first, second = np.array(parts).T
+        return self.losses_of(self.layouts[k], misfit)
+
+    def losses_of(self, layout: Layout, misfit: Array) -> tuple[Array, Array, Array]:
+        """The same of misfits ``(..., numbers)`` with such a layout, ``(..., blocks)`` each."""
+        squared = np.add.reduceat(misfit**2, layout.starts, axis=-1)
+        if len(self.losses) == 1:
+            return next(iter(self.losses.values())).evaluate(squared)
+        parts = [self.losses[size].evaluate(squared[..., b]) for b, size in enumerate(layout.sizes)]
+        rho, first, second = (np.stack([part[i] for part in parts], axis=-1) for i in range(3))
         return rho, first, second
 
     def prior_cost(self, x: Array) -> float:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import attrs
 import numpy as np
+from scipy.special import gammainc, gammaincinv
 
 from ..robot.checks import Array
 
@@ -14,7 +16,12 @@ SMOOTHING = 1e-2  # standard deviations: the distance is sqrt(r^2 + SMOOTHING^2)
 _HUBER, _CAUCHY = 1.345, 2.385  # 95 % efficient for normal errors of one dimension
 
 
-@attrs.frozen
+def _quantile(probability: float, freedom: int) -> float:
+    """Of chi-square."""
+    return float(2.0 * gammaincinv(0.5 * freedom, probability))
+
+
+@attrs.frozen(slots=False)
 class Loss:
     """One of ``LOSSES``, for blocks of so many numbers.
 
@@ -25,22 +32,21 @@ class Loss:
     name: str
     size: int
 
-    @property
+    @cached_property
     def threshold(self) -> float:
         """Norm of the residual beyond which a block counts less, standard deviations; infinite for squared."""
-        from scipy.stats import chi2
-
         if self.name == "huber":
-            return float(np.sqrt(chi2.ppf(chi2.cdf(_HUBER**2, 1), self.size)))
+            return float(np.sqrt(_quantile(gammainc(0.5, 0.5 * _HUBER**2), self.size)))
         if self.name == "cauchy":
-            return float(_CAUCHY * np.sqrt(chi2.median(self.size) / chi2.median(1)))
+            return float(_CAUCHY * np.sqrt(_quantile(0.5, self.size) / _quantile(0.5, 1)))
         return SMOOTHING if self.name == "distance" else np.inf
 
     def evaluate(self, squared: Any) -> tuple[Array, Array, Array]:
         """``rho``, and its first and second derivatives by the squared norms."""
-        s, d = np.asarray(squared, dtype=np.float64), self.threshold
+        s = np.asarray(squared, dtype=np.float64)
         if self.name == "squared":
             return 0.5 * s, np.full_like(s, 0.5), np.zeros_like(s)
+        d = self.threshold
         if self.name == "distance":
             root = np.sqrt(s + d**2)
             return root - d, 0.5 / root, -0.25 / root**3

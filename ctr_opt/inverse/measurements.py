@@ -43,7 +43,7 @@ class Request:
 
 @attrs.frozen(eq=False)
 class Predicted:
-    """A prediction and its derivatives: of a pose (4, 4) six rates, position and world angular velocity."""
+    """A prediction and its derivatives: of a pose (3, 4) six rates, position and world angular velocity."""
 
     value: Array
     slopes: Array

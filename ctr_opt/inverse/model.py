@@ -189,36 +189,29 @@ class GroupModel:
     def _mapped(self) -> dict[int, ca.Function]:
         return {}
 
-    def evaluate(self, z: Array, theta: Array) -> tuple[Array, list[list[Predicted]], Array]:
+    def evaluate(self, z: Array, theta: Array) -> tuple[Array, list[Predicted], Array]:
         """Of experiments ``z (E, unknowns)``, ``theta (E, k)``: residuals, predictions, and the residuals' slopes."""
-        count = len(z)
+        count, n = len(z), self.unknowns
         if count not in self._mapped:
             self._mapped[count] = self.function.map(count)
         told, slopes = (part.full() for part in self._mapped[count](z.T, theta.T))
-        width = slopes.shape[1] // count
-        slopes = slopes.reshape(len(slopes), count, width)
-        n = self.unknowns
-        predictions = [self._predicted(told[n:, e], slopes[n:, e]) for e in range(count)]
-        return told[:n].T, predictions, np.moveaxis(slopes[:n], 1, 0)
-
-    def _predicted(self, told: Array, slopes: Array) -> list[Predicted]:
-        found, start = [], 0
+        slopes = np.moveaxis(slopes.reshape(len(slopes), count, -1), 1, 0)
+        found, start = [], n
         for request in self.requests:
             part = slice(start, start + SIZES[request.kind])
-            value, rates, start = told[part], slopes[part], part.stop
-            found.append(pose_of(value, rates) if request.kind == "pose" else Predicted(value, rates))
-        return found
+            value, rates, start = told[part].T, slopes[:, part], part.stop
+            found.append(_poses(value, rates) if request.kind == "pose" else Predicted(value, rates))
+        return told[:n].T, found, slopes[:, :n]
 
 
-def pose_of(numbers: Array, slopes: Array) -> Predicted:
-    """A pose and its six rates from position and frame, column by column."""
-    pose = np.eye(4)
-    pose[:3, 3], pose[:3, :3] = numbers[:3], numbers[3:].reshape(3, 3, order="F")
-    return Predicted(pose, np.vstack((slopes[:3], _vee(pose[:3, :3], slopes[3:]))))
-
-
-def _vee(frame: Array, slopes: Array) -> Array:
-    """Angular velocities from the rates of a frame's entries, column by column: ``vee(dR R^T)``."""
-    rates = slopes.reshape(3, 3, -1)  # [column, row]
-    turn = np.einsum("crk,qc->rqk", rates, frame)
-    return 0.5 * np.stack((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
+def _poses(numbers: Array, slopes: Array) -> Predicted:
+    """Poses ``(E, 3, 4)`` and their six rates from positions and frames, column by column."""
+    count = len(numbers)
+    frames = np.swapaxes(numbers[:, 3:].reshape(count, 3, 3), 1, 2)
+    rates = slopes[:, 3:].reshape(count, 3, 3, -1)  # [column, row]
+    turn = np.einsum("ecrk,eqc->erqk", rates, frames)  # dR R^T
+    turned = 0.5 * np.stack(
+        (turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]), axis=1
+    )
+    poses = np.concatenate((frames, numbers[:, :3, None]), axis=2)
+    return Predicted(poses, np.concatenate((slopes[:, :3], turned), axis=1))

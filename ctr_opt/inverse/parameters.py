@@ -170,9 +170,19 @@ class Unknowns:
         """The robot with these values."""
         return robot_with(self.robot, self.robot_numbers(x))
 
+    @cached_property
+    def moves_experiments(self) -> bool:
+        """Whether any of them acts on actuations or loads."""
+        return any(
+            entry.experiment is not None or entry.acts_on[0].startswith(("rotations[", "translations["))
+            for entry in self.entries
+        )
+
     def experiment_at(self, x: Array, k: int) -> tuple[Actuation, tuple[Load, ...]]:
         """Actuation and loads of an experiment with these values."""
         actuation, loads = self.experiments[k]
+        if not self.moves_experiments:
+            return actuation, loads
         rotations, translations = np.array(actuation.rotations), np.array(actuation.translations)
         own = self._raw(x, k)
         rotations = own.pop("rotations", rotations) + self._offsets(x, "rotation")

@@ -7,15 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from ..equilibrium import Equilibrium
 from ..robot.checks import Array
 from ..solvers.programs import Evaluated, solve_program
-from .estimation import Estimation, Linearized, Progress
+from .estimation import Estimation, Layout, Progress
 from .reduced import Found
+
+Structure: TypeAlias = "tuple[csc_matrix, NDArray[np.intp]]"
+"""A sparse matrix of ones, and to which of its nonzeros each of some entries adds."""
 
 _DAMPING = 1e-3
 """Of the Hessian in the scaled parameters, and of nothing else: where the data say nothing, IPOPT stays where it is."""
@@ -27,12 +32,15 @@ class _Program:
     def __init__(self, estimation: Estimation, x: Array, moments: Sequence[Array]) -> None:
         self.estimation = estimation
         self.units = estimation.units
-        self._x = x
         self.parameters = len(x)
         ends = np.cumsum([self.parameters, *(len(each) for each in moments)])
         self.parts = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
         self.size = int(ends[-1])
-        self._own = [each.own for each in estimation.linearize(x, moments)]
+        #  where each group's base moments stand, (experiments, moments)
+        self._places = [
+            np.array([np.arange(self.parts[k].start, self.parts[k].stop) for k in group.members])
+            for group in estimation.models
+        ]
 
     def split(self, v: Array) -> tuple[Array, list[Array]]:
         """Parameters and base moments, SI."""
@@ -47,23 +55,23 @@ class _Program:
     # -- structure -------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _jacobian(self) -> tuple[csc_matrix, Array]:
+    def _jacobian(self) -> Structure:
         rows, columns = [], []
-        for own, part in zip(self._own, self.parts, strict=True):
-            row = np.arange(part.start, part.stop) - self.parameters
-            column = np.concatenate((own, np.arange(part.start, part.stop)))
-            rows.append(np.repeat(row, len(column)))
-            columns.append(np.tile(column, len(row)))
+        for group, places in zip(self.estimation.models, self._places, strict=True):
+            both = np.hstack((group.own, places))
+            shape = (*places.shape, both.shape[1])
+            rows.append(np.broadcast_to(places[:, :, None] - self.parameters, shape).ravel())
+            columns.append(np.broadcast_to(both[:, None, :], shape).ravel())
         return _compressed(rows, columns, (self.size - self.parameters, self.size))
 
     @cached_property
-    def _hessian(self) -> tuple[csc_matrix, Array]:
+    def _hessian(self) -> Structure:
         rows, columns = [np.arange(self.parameters)], [np.arange(self.parameters)]
-        for own, part in zip(self._own, self.parts, strict=True):
-            both = np.concatenate((own, np.arange(part.start, part.stop)))
-            upper = np.triu_indices(len(both))
-            rows.append(both[upper[0]])
-            columns.append(both[upper[1]])
+        for group, places in zip(self.estimation.models, self._places, strict=True):
+            both = np.hstack((group.own, places))
+            upper = np.triu_indices(both.shape[1])
+            rows.append(both[:, upper[0]].ravel())
+            columns.append(both[:, upper[1]].ravel())
         return _compressed(rows, columns, (self.size, self.size))
 
     @property
@@ -82,54 +90,50 @@ class _Program:
         """Objective, constraints and their derivatives."""
         estimation, scale = self.estimation, self.estimation.unknowns.scale
         x, moments = self.split(v)
-        linearized = estimation.linearize(x, moments)
         mean, sigma = estimation.unknowns.prior
         objective = estimation.prior_cost(x)
         gradient = np.zeros(self.size)
         gradient[: self.parameters] = scale * (x - mean) / sigma**2
-        constraints, slopes, curvatures = [], [], [(scale / sigma) ** 2 + _DAMPING]
-        for k, each in enumerate(linearized):
-            unit, part = self.units[k], self.parts[k]
-            own = scale[each.own]
-            constraints.append(each.residual / unit)
-            slopes.append(np.hstack((each.residual_x * own, each.residual_z * unit)) / unit[:, None])
-            rows = np.hstack((each.misfit_x * own, each.misfit_z * unit))
-            cost, pull, curvature = self._block_parts(k, each, rows)
+        constraints = np.zeros(self.size - self.parameters)
+        slopes, curvatures = [], [(scale / sigma) ** 2 + _DAMPING]
+        linearized = estimation.linearize_groups(x, moments)
+        for group, places, each in zip(estimation.models, self._places, linearized, strict=True):
+            own = scale[each.own][:, None, :]
+            constraints[places - self.parameters] = each.residual / group.unit
+            both = np.concatenate((each.residual_x * own, each.residual_z * group.unit), axis=2)
+            slopes.append((both / group.unit[:, None]).ravel())
+            rows = np.concatenate((each.misfit_x * own, each.misfit_z * group.unit), axis=2)
+            cost, pull, curvature = self._losses(estimation.layouts[group.members[0]], each.misfit, rows)
             objective += cost
-            np.add.at(gradient, each.own, pull[: len(own)])
-            gradient[part] += pull[len(own) :]
-            curvatures.append(curvature[np.triu_indices(len(curvature))])
-        found = np.concatenate(constraints)
-        if not (np.isfinite(objective) and np.isfinite(found).all()):
+            np.add.at(gradient, np.hstack((each.own, places)), pull)
+            upper = np.triu_indices(rows.shape[2])
+            curvatures.append(curvature[:, upper[0], upper[1]].ravel())
+        if not (np.isfinite(objective) and np.isfinite(constraints).all()):
             return None
         return Evaluated(
             objective,
             gradient,
-            found,
-            _summed(self._jacobian, np.concatenate([each.ravel() for each in slopes])),
+            constraints,
+            _summed(self._jacobian, np.concatenate(slopes)),
             _summed(self._hessian, np.concatenate(curvatures)),
         )
 
-    def _block_parts(self, k: int, each: Linearized, rows: Array) -> tuple[float, Array, Array]:
-        """Loss, gradient and Gauss-Newton Hessian of an experiment, whose misfit has these slopes."""
-        rho, first, second = self.estimation.block_losses(k, each.misfit)
-        blocks = self.estimation.layouts[k].blocks
-        sizes = [size for _, size, _ in blocks]
-        weights = np.repeat(2.0 * first, sizes)
-        pull = rows.T @ (weights * each.misfit)
-        curvature = rows.T @ (weights[:, None] * rows)
-        for (start, size, _), slope, bend in zip(blocks, first, second, strict=True):
-            if bend == 0.0:
-                continue
-            r = each.misfit[start : start + size]
-            along = r @ rows[start : start + size]
-            s = float(r @ r)
-            least = -2.0 * slope / s if s > 0.0 else 0.0  # the curvature along the residual stays positive
-            curvature += max(4.0 * bend, least) * np.outer(along, along)
+    def _losses(self, layout: Layout, misfit: Array, rows: Array) -> tuple[float, Array, Array]:
+        """Losses, gradients and Gauss-Newton Hessians of experiments, whose misfits have these slopes."""
+        rho, first, second = self.estimation.losses_of(layout, misfit)
+        weights = np.repeat(2.0 * first, layout.sizes, axis=1)
+        turned = np.swapaxes(rows, 1, 2)
+        pull = np.matmul(turned, (weights * misfit)[..., None])[..., 0]
+        curvature = np.matmul(turned, weights[..., None] * rows)
+        if second.any():
+            along = np.add.reduceat(misfit[..., None] * rows, layout.starts, axis=1)
+            squared = np.maximum(np.add.reduceat(misfit**2, layout.starts, axis=1), 1e-300)
+            bend = np.maximum(4.0 * second, -2.0 * first / squared)  # along the residual it stays positive
+            curvature += np.matmul(np.swapaxes(along, 1, 2), bend[..., None] * along)
         return float(rho.sum()), pull, curvature
 
 
-def _compressed(rows: list[Array], columns: list[Array], shape: tuple[int, int]) -> tuple[csc_matrix, Array]:
+def _compressed(rows: list[Any], columns: list[Any], shape: tuple[int, int]) -> Structure:
     """The structure, and to which of its nonzeros each of the entries adds."""
     row, column = np.concatenate(rows).astype(np.intp), np.concatenate(columns).astype(np.intp)
     keys, where = np.unique(column * shape[0] + row, return_inverse=True)
@@ -137,7 +141,7 @@ def _compressed(rows: list[Array], columns: list[Array], shape: tuple[int, int])
     return csc_matrix((np.ones(len(keys)), keys % shape[0], pointers), shape), where
 
 
-def _summed(structure: tuple[csc_matrix, Array], values: Array) -> Array:
+def _summed(structure: Structure, values: Array) -> Array:
     return np.bincount(structure[1], weights=values, minlength=structure[0].nnz)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import attrs
 import numpy as np
 from numpy.typing import NDArray
@@ -48,9 +50,16 @@ class PiecewisePolynomial:
         """``integral of f`` (or, with ``of="square"``, of ``f * f``) over ``[start, end]``, shape ``(3,)``; exact."""
         inner = self.breaks[(self.breaks > start) & (self.breaks < end)]
         edges = np.concatenate(([start], inner, [end]))
-        points, weights = np.polynomial.legendre.leggauss(len(self.coefficients) + 1)
+        points, weights = _gauss(len(self.coefficients) + 1)
         half = 0.5 * np.diff(edges)[:, None]
         middle = 0.5 * (edges[1:] + edges[:-1])[:, None]
         values = self(middle + half * points, np.broadcast_to(self.piece(middle), (len(half), len(points))))
         values = values**2 if of == "square" else values
         return np.asarray(np.einsum("ij,ijk->k", half * weights, values))
+
+
+@cache
+def _gauss(count: int) -> tuple[Array, Array]:
+    """Nodes and weights of Gauss and Legendre's rule."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return points, weights
