@@ -118,15 +118,16 @@ class Predictions:
         self._native = library(len(robot.tubes), body).built()
         self.unknowns = self._native.unknowns
         self._table = RobotTable(robot)
-        places = [
-            _places(robot, actuation, each)
-            for (actuation, _), each in zip(experiments, _each(probes, experiments), strict=True)
-        ]
+        every = zip(experiments, _each(probes, experiments), strict=True)
+        places = [_places(robot, actuation, own) for (actuation, _), own in every]
         self._rows = [_rows(robot, loads, own) for (_, loads), own in zip(experiments, places, strict=True)]
         self._addresses = np.array([rows.address for rows in self._rows], dtype=np.uintp)
-        self.actuations = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
+        self._actuations = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
         _check(robot, names, *experiments[0])
-        asked = self._directions(names, experiments, len(places[0]))
+        self._ask(self._directions(names, experiments, len(places[0])), places)
+
+    def _ask(self, asked: list[Directions], places: list[list[tuple[float | None, int]]]) -> None:
+        """The questions of every experiment; its probes' rows are the first of its point loads."""
         self._combination = asked[0].combination
         self.parameters = self._combination.shape[1]
         own = np.array([[(k, tube) for k, (_, tube) in enumerate(each)] for each in places], dtype=np.intc)
@@ -167,7 +168,7 @@ class Predictions:
         poses, rates = np.empty((count, probes, 3, 4)), np.empty((count, probes, 6, columns))
         more = [np.empty((count, probes, inside, *last)) for last in ((), (columns,))] if inner else []
         failed = np.empty(count, dtype=np.intc)
-        case = (self._table.address, self._addresses.ctypes.data, self.actuations.ctypes.data, z.ctypes.data, count)
+        case = (self._table.address, self._addresses.ctypes.data, self._actuations.ctypes.data, z.ctypes.data, count)
         out = [each.ctypes.data for each in (residual, slopes, poses, rates, *more)] + [None] * (2 - len(more))
         if self._native.models(*case, self.refinements, self._questions.addresses, *out, failed.ctypes.data):
             for each in (residual, slopes, poses, rates, *more):
@@ -197,23 +198,23 @@ def _each(probes: Sequence[object], experiments: Sequence[Experiment]) -> list[l
 def _places(robot: Robot, actuation: Actuation, probes: Sequence[Probe]) -> list[tuple[float | None, int]]:
     """Arc lengths, or None for the end, and tubes."""
     ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
-    length = float(ends.max())
-    slack = SAME_POINT * length
+    slack = SAME_POINT * float(ends.max())
     found: list[tuple[float | None, int]] = []
     for k, each in enumerate(probes):
-        if each.tube is not None:
-            tube = index(each.tube, f"probes[{k}].tube", len(ends))
-        else:
-            tube = int(
-                np.argmax(
-                    ends > min(length if each.arc_length is None else each.arc_length, length - 2 * slack) + slack
-                )
-            )
+        tube = _innermost(ends, each.arc_length) if each.tube is None else index(each.tube, "tube", len(ends))
         s = each.arc_length
         if s is not None:
             s = number(s, f"probes[{k}].arc_length", least=0.0, most=float(ends[tube]) + slack, unit="m")
         found.append((s, tube))
     return found
+
+
+def _innermost(ends: Array, s: float | None) -> int:
+    """The innermost tube present at an arc length, from the left at the tip; None: the tip."""
+    length = float(ends.max())
+    slack = SAME_POINT * length
+    tip = length - slack
+    return int(np.argmax(ends >= tip if s is None or s >= tip else ends > s + slack))
 
 
 def _rows(robot: Robot, loads: Sequence[Load], places: list[tuple[float | None, int]]) -> LoadRows:

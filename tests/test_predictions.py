@@ -105,7 +105,7 @@ def test_derivatives_at_equilibria_are_sensitivities(seed, body):
 
 
 class Away:
-    """A random case at unknowns that are not those of an equilibrium, and what becomes of it with one number changed."""
+    """A random case at unknowns that are not those of an equilibrium, and what it is with a number changed."""
 
     def __init__(self, seed, body):
         self.rng, self.robot, self.actuation, self.loads, probes = case(10 + seed, 1 + seed % 3, body)
@@ -216,7 +216,7 @@ def test_a_base_at_the_entry_is_drawn_back():
 
 
 def test_derivatives_with_two_sides_are_refused():
-    """A load at a fixed place where a tube ends, which may be drawn back or reach further; a mere place is no matter."""
+    """A load at a fixed place where a tube ends, which may be drawn back or reach further; a mere place may."""
     made, actuation, loads = pushed()
     end = tube_ends(made, actuation)[1]
     there = [*loads, ctr.PointWrench([0.1, 0.0, 0.0], arc_length=end)]
@@ -266,7 +266,7 @@ def test_wrong_questions_are_told():
         "takes no derivatives": (["tubes[0].precurvature[0].length"], [Probe()], []),
         "is no parameter": (["rotation"], [Probe()], []),
         r"probes\[0\].arc_length = 0.2": ([], [Probe(0.2)], []),
-        r"probes\[0\].tube": ([], [Probe(0.05, 1)], []),
+        "tube = 1 must be": ([], [Probe(0.05, 1)], []),
         "loads: compiled code": ([], [Probe()], [ctr.DistributedLoad(force=lambda s: [s, 0.0, 0.0])]),
         "probes must be": ([], [[Probe()], [Probe()]], []),
     }

@@ -72,7 +72,7 @@ static int check_direction(const Layout *layout, const Lane *lane) {
 }
 
 /* Lanes that change alike stand together: data along the robot, the state at the entry, or nothing before a load. */
-static int class_of(int kind) {
+static int group_of(int kind) {
   switch (kind) {
     case BY_UNKNOWN: case BY_ROTATION: case BY_TURN: case BY_FORCE: return 0;
     case BY_MOMENT: return 2;
@@ -100,12 +100,12 @@ static int line_up(const Case *c, const double *z, const Asked *asked, Lanes *la
   lanes->awake = take(sizeof(int) * most);
   if (!lanes->lane || !lanes->along || !lanes->awake) return NO_MEMORY;
   int next = 0;
-  for (int class = 0; class < 3; class ++)
+  for (int group = 0; group < 3; group++)
     for (int k = 0; k < n; k++) {
       const int *row = asked->directions + 3 * (k - NZ);
       const Lane lane = k < NZ ? (Lane){BY_UNKNOWN, k, 0, k} : (Lane){row[0], row[1], row[2], k};
       if (k >= NZ && check_direction(c->layout, &lane)) return REFUSED;
-      if (class_of(lane.kind) != class || !carried(lane.kind)) continue;
+      if (group_of(lane.kind) != group || !carried(lane.kind)) continue;
       lanes->lane[next++] = lane;
       lanes->by_data |= changes_data(c->layout->robot, lane.kind);
     }

@@ -219,8 +219,8 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
   return failed;
 }
 
-/* The model at unknowns that need not be those of an equilibrium: residual, predictions and their derivatives, see
-   model.h. The first probes' point rows and the directions are the caller's; the steps are halved as often as asked for. */
+/* Residual, predictions and their derivatives at unknowns that need not be those of an equilibrium: see model.h. The steps
+   are halved so often. */
 EXPORT int model(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
                  const Asked *asked, double *residual, double *slopes_, double *poses, double *rates_, double *inner,
                  double *inner_rates) {
@@ -249,26 +249,6 @@ EXPORT int models(const Robot *robot, const Loads *const *loads, const double *a
     failures += failed[k] != 0;
   }
   return failures;
-}
-
-enum { DERIVED = 2 * TUBES + 6 }; /* rotations, translations, force and moment */
-
-/* What a derivative at an equilibrium is in all: dy/dp - dy/dz (dr/dz)^-1 dr/dp, rows of `rows` by `count` parameters. */
-static int total_rates(int rows, int count, const double *slopes_, const double *rates_, double *total) {
-  const int columns = NZ + count;
-  double tip_[NZ * NZ], change[NZ * DERIVED];
-  for (int i = 0; i < NZ; i++) {
-    memcpy(tip_ + i * NZ, slopes_ + i * columns, sizeof(double) * NZ);
-    memcpy(change + i * count, slopes_ + i * columns + NZ, sizeof(double) * count);
-  }
-  if (solve(NZ, count, tip_, change)) return SINGULAR;
-  for (int r = 0; r < rows; r++)
-    for (int d = 0; d < count; d++) {
-      double sum = rates_[r * columns + NZ + d];
-      for (int i = 0; i < NZ; i++) sum -= rates_[r * columns + i] * change[i * count + d];
-      total[r * count + d] = sum;
-    }
-  return 0;
 }
 
 /* Pose rates of the tip of a tube (position, world turn): with rotations and translations (6 x 2 TUBES), and with a

@@ -164,3 +164,23 @@ static int evaluate(Layout *layout, const double *z, const Asked *asked, Answer 
   move_all(&lanes, answer);
   return 0;
 }
+
+enum { DERIVED = 2 * TUBES + 6 }; /* rotations, translations, force and moment */
+
+/* What a derivative at an equilibrium is in all: dy/dp - dy/dz (dr/dz)^-1 dr/dp, rows of `rows` by `count` parameters. */
+static int total_rates(int rows, int count, const double *slopes_, const double *rates_, double *total) {
+  const int columns = NZ + count;
+  double tip_[NZ * NZ], change[NZ * DERIVED];
+  for (int i = 0; i < NZ; i++) {
+    memcpy(tip_ + i * NZ, slopes_ + i * columns, sizeof(double) * NZ);
+    memcpy(change + i * count, slopes_ + i * columns + NZ, sizeof(double) * count);
+  }
+  if (solve(NZ, count, tip_, change)) return SINGULAR;
+  for (int r = 0; r < rows; r++)
+    for (int d = 0; d < count; d++) {
+      double sum = rates_[r * columns + NZ + d];
+      for (int i = 0; i < NZ; i++) sum -= rates_[r * columns + i] * change[i * count + d];
+      total[r * count + d] = sum;
+    }
+  return 0;
+}
