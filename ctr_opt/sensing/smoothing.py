@@ -1,0 +1,133 @@
+"""Linear smoothers of points along a curve: polynomials and penalized splines, chosen by cross-validation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.checks import Array
+
+DEGREE = 5  # of splines: their curvature is smooth
+_INTERVALS = 16  # of a spline, at most: the penalty smooths, not the knots
+_LARGEST_ORDER = 12  # of polynomials tried
+_PENALTIES = 10.0 ** np.arange(-6.0, 7.01, 0.5)  # tried, relative to the data
+_LEVERAGE = 1.0 - 1e-6  # a point that alone decides its own fit cannot be left out
+
+
+@attrs.frozen(eq=False)
+class Basis:
+    """Functions of a parameter in ``[0, 1]``, and the penalty of their roughness.
+
+    ``functions(t, n)`` are their n-th derivatives ``(len(t), m)``.
+    """
+
+    functions: Any
+    penalty: Array
+
+    @property
+    def size(self) -> int:
+        """Number of functions."""
+        return len(self.penalty)
+
+
+def polynomials(order: int) -> Basis:
+    """Legendre polynomials up to an order, orthogonal on ``[0, 1]``."""
+    from numpy.polynomial import Legendre
+
+    members = [Legendre.basis(k, domain=[0.0, 1.0]) for k in range(order + 1)]
+
+    def functions(t: Array, derivative: int = 0) -> Array:
+        return np.column_stack([(p.deriv(derivative) if derivative else p)(t) + 0.0 * t for p in members])
+
+    return Basis(functions, np.zeros((order + 1, order + 1)))
+
+
+def splines(points: int) -> Basis:
+    """B-splines on uniform knots; the penalty is the integral of the squared third derivative."""
+    from scipy.interpolate import BSpline
+
+    intervals = int(np.clip(points // 2, 2, _INTERVALS))
+    breaks = np.linspace(0.0, 1.0, intervals + 1)
+    knots = np.concatenate((np.zeros(DEGREE), breaks, np.ones(DEGREE)))
+    spline = BSpline(knots, np.eye(intervals + DEGREE), DEGREE)
+
+    def functions(t: Array, derivative: int = 0) -> Array:
+        return np.asarray(spline(t, nu=derivative))
+
+    nodes, weights = np.polynomial.legendre.leggauss(DEGREE - 2)
+    inner = breaks[:-1, None] + (nodes + 1.0) / (2 * intervals)
+    rough = functions(inner.ravel(), 3)
+    return Basis(functions, rough.T @ (np.tile(weights, intervals)[:, None] * rough) / (2 * intervals))
+
+
+@attrs.frozen(eq=False)
+class Smoother:
+    """A linear smoother at given parameters: coefficients are ``solver @ points``.
+
+    Attributes
+    ----------
+    solver
+        ``(m, k)``.
+    shrinkage
+        ``(m, m)``: what the penalty leaves unknown of the coefficients, per variance of unit weight; zero without one.
+    leverages
+        ``(k,)``, the diagonal of the hat matrix.
+    """
+
+    basis: Basis
+    parameters: Array
+    solver: Array
+    shrinkage: Array
+    leverages: Array
+
+    @classmethod
+    def of(cls, basis: Basis, parameters: Array, weights: Array, factor: float = 0.0) -> Smoother:
+        """Weighted least squares with ``factor`` times the penalty (relative to the data)."""
+        values = basis.functions(parameters)
+        data = values.T @ (weights[:, None] * values)
+        scale = np.trace(data) / np.trace(basis.penalty) if factor else 0.0
+        inverse = np.linalg.inv(data + factor * scale * basis.penalty)
+        solver = inverse @ (values.T * weights)
+        # The posterior of Wahba and Nychka less the spread by noise: on average over the curve, the square of the bias.
+        shrinkage = inverse - inverse @ data @ inverse if factor else np.zeros_like(inverse)
+        return cls(basis, parameters, solver, shrinkage, np.einsum("km,mk->k", values, solver))
+
+    def residuals(self, points: Array) -> Array:
+        """Points less their smooth values, ``(k, 3)``."""
+        return np.asarray(points - self.basis.functions(self.parameters) @ (self.solver @ points))
+
+    def score(self, points: Array, weights: Array) -> float:
+        """Root mean square error of points by the curve through the others, m; infinite if one cannot be left out."""
+        if self.leverages.max() > _LEVERAGE:
+            return float("inf")
+        left_out = np.sum(self.residuals(points) ** 2, axis=1) / (1.0 - self.leverages) ** 2
+        return float(np.sqrt(weights @ left_out / weights.sum()))
+
+
+def candidates(method: str, points: int, given: float | None) -> Iterable[tuple[float, Basis, float]]:
+    """``(key, basis, factor)`` of the smoothers to try: keys are orders of polynomials, or penalties of splines."""
+    if method == "spline":
+        basis = splines(points)
+        return [(float(key), basis, float(key)) for key in (_PENALTIES if given is None else (given,))]
+    most = points - 2
+    if given is not None and given > most:
+        raise DefinitionError(f"order = {given:g} must be at most {most}, with {points} points")
+    orders = range(2, min(_LARGEST_ORDER, most) + 1) if given is None else (int(given),)
+    return [(order, polynomials(order), 0.0) for order in orders]
+
+
+def best(
+    method: str, parameters: Array, points: Array, weights: Array, given: float | None
+) -> tuple[float, Smoother, dict[float, float]]:
+    """The key with the least score, its smoother, and the scores by key."""
+    tried = {
+        key: Smoother.of(basis, parameters, weights, factor)
+        for key, basis, factor in candidates(method, len(points), given)
+    }
+    scores = {key: smoother.score(points, weights) for key, smoother in tried.items()}
+    chosen = min(scores, key=lambda key: scores[key])
+    return chosen, tried[chosen], scores
