@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +123,7 @@ class Camera:
         inverse = np.eye(4)
         if rotation is not None and np.size(rotation) == 3:
             vector = array(np.ravel(rotation), "rotation", (3,), unit="rad")
-            inverse[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
+            inverse[:3, :3] = Rotation.from_rotvec(vector.copy()).as_matrix()
         elif rotation is not None:
             inverse[:3, :3] = array(rotation, "rotation", (3, 3))
         if translation is not None:
@@ -243,7 +244,7 @@ def load_cameras(file: str | Path) -> tuple[Camera, ...]:
     tables = read_toml(path).get("cameras")
     if not isinstance(tables, list) or not tables:
         raise DefinitionError(f"{path} must hold a table [[cameras]] for each camera")
-    return tuple(at(path, f"cameras[{k}]", lambda table=table: _camera(table)) for k, table in enumerate(tables))  # type: ignore[misc]
+    return tuple(at(path, f"cameras[{k}]", partial(_camera, table)) for k, table in enumerate(tables))
 
 
 def _camera(table: Any) -> Camera:

@@ -12,7 +12,7 @@ from ..robot.checks import Array, array, choice, index, number
 from ..robot.precurvature import PrecurvaturePiece, SampledCurvature, Straight
 from .bishop import bishop_curvature
 from .noise import covariances_of, points_of
-from .smoothing import Smoother, best
+from .smoothing import Smoother, best, polynomials
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +21,7 @@ METHODS = ("polynomial", "spline")
 _FEWEST = 6
 _FINER = 4  # steps between two samples, in which the frame is carried
 _STEP = 1e-5  # of differences by the coefficients, of the curve's length: curvatures of 1/length change by 1e-4
+_FREE = 0.5  # degrees of freedom of the residuals, to estimate the noise from
 _PARALLEL = 1e-3  # rad: nearer to the curve, a normal does not say where x is
 _COLORS = ("#0072B2", "#D55E00")
 _NINETY_FIVE = 1.959964  # standard errors
@@ -141,9 +142,10 @@ def identify_precurvature(
 ) -> PrecurvatureFit:
     """Precurvature of a tube from points measured along it, with standard errors.
 
-    A smooth curve of the normalized chord length is fitted by weighted least squares: a polynomial, whose order has the
-    least error of leave-one-out cross-validation, or a spline of degree five with a penalty on the third derivative,
-    whose weight is chosen the same way. Its curvature in Bishop's frame is ``u* = (u*_x, u*_y, 0)``.
+    A smooth curve of the normalized chord length is fitted by weighted least squares: a polynomial, as in the paper, or
+    a spline of degree five with a penalty on the third derivative. Order or penalty are the simplest whose error of
+    leave-one-out cross-validation is the least to within its standard error. The curvature of the curve in Bishop's
+    frame is ``u* = (u*_x, u*_y, 0)``.
 
     Parameters
     ----------
@@ -175,9 +177,10 @@ def identify_precurvature(
     Notes
     -----
     The standard errors are linearized: noise is carried to the coefficients and, by differences, to the curvature at
-    a given arc length. Noise along the curve does not count, as a point that slides along it is on it still. For
-    splines they hold the bias of the penalty on average over the curve (G. Wahba, J. R. Stat. Soc. B 45, 1983); a
-    polynomial's hold no bias, and neither holds that the order was chosen by the same data.
+    a given arc length. Noise along the curve does not count, as a point that slides along it is on it still. Bias is
+    counted on average over the curve: for splines that of the penalty (G. Wahba, J. R. Stat. Soc. B 45, 1983), for
+    polynomials of a chosen order as if the next order had none (its variance, and the squared difference from it). An
+    order that is given is taken at its word.
 
     Examples
     --------
@@ -200,20 +203,27 @@ def identify_precurvature(
     parameters = _chord_lengths(measured)
     chosen, smoother, scores = best(method, parameters, measured, weights, _given(method, order, smoothing))
     residuals = smoother.residuals(measured)
-    coefficients = smoother.solver @ measured
-    across = _normal_parts(smoother, coefficients)
     estimated, unit = spreads is None, 1.0
     if spreads is None:
         # Each point has noise in the two directions across the curve; the fit takes its leverage's part of it.
-        unit = float(np.sum(residuals**2) / (2.0 * np.sum(1.0 - smoother.leverages)))
-        spreads = np.broadcast_to(unit * np.eye(3), across.shape)
-    curves = _Curves(smoother, samples, _orientation(smoother, coefficients, normal))
-    s, curvature, errors = curves.known(coefficients, across @ spreads @ across, unit)
+        free = 2.0 * float(np.sum(1.0 - smoother.leverages))
+        if free < _FREE:
+            raise DefinitionError(
+                f"smoothing = {chosen:g} is so small that the curve goes through all points: give sigma"
+            )
+        unit = float(np.sum(residuals**2)) / free
+        spreads = np.broadcast_to(unit * np.eye(3), (len(measured), 3, 3))
+    noise = _Noise(measured, spreads, unit)
+    curves = _Curves(smoother, samples, _orientation(smoother, smoother.solver @ measured, normal))
+    s, curvature, errors = curves.known(noise)
+    if method == "polynomial" and order is None and chosen + 1 <= len(measured) - 2:
+        higher = Smoother.of(polynomials(int(chosen) + 1), parameters, weights)
+        errors = _with_bias(s, curvature, attrs.evolve(curves, smoother=higher).known(noise))
     return PrecurvatureFit(
         s,
         np.column_stack((curvature, np.zeros(len(s)))),
         errors,
-        curves.position(coefficients),
+        curves.position(measured),
         int(chosen) if method == "polynomial" else None,
         chosen if method == "spline" else None,
         float(smoother.leverages.sum()),
@@ -265,10 +275,13 @@ def _tangents(smoother: Smoother, coefficients: Array, t: Array) -> Array:
     return np.asarray(first / np.linalg.norm(first, axis=-1, keepdims=True))
 
 
-def _normal_parts(smoother: Smoother, coefficients: Array) -> Array:
-    """Projections ``(k, 3, 3)`` across the curve, at the points."""
-    tangent = _tangents(smoother, coefficients, smoother.parameters)
-    return np.eye(3) - tangent[:, :, None] * tangent[:, None, :]
+def _with_bias(s: Array, curvature: Array, higher: tuple[Array, Array, Array]) -> Array:
+    """Standard errors of a polynomial's curvature, by the next higher order's and the difference from it."""
+    from scipy.interpolate import CubicSpline
+
+    # The two lengths differ by less than a step, and at the tip a curve is followed a little beyond its end.
+    difference = CubicSpline(higher[0], higher[1])(s) - curvature
+    return np.hypot(higher[2], difference)
 
 
 def _orientation(smoother: Smoother, coefficients: Array, normal: Any) -> Array:
@@ -283,15 +296,34 @@ def _orientation(smoother: Smoother, coefficients: Array, normal: Any) -> Array:
 
 
 @attrs.frozen(eq=False)
+class _Noise:
+    """Points, their covariances ``(k, 3, 3)`` and the variance of unit weight."""
+
+    points: Array
+    spreads: Array
+    unit: float
+
+    def of_coefficients(self, smoother: Smoother) -> Array:
+        """Covariance ``(3 m, 3 m)``: noise across the curve, and what a penalty leaves unknown."""
+        tangent = _tangents(smoother, smoother.solver @ self.points, smoother.parameters)
+        across = np.eye(3) - tangent[:, :, None] * tangent[:, None, :]
+        spread = np.einsum("ai,bi,ijk->ajbk", smoother.solver, smoother.solver, across @ self.spreads @ across)
+        spread = spread + self.unit * np.einsum("ab,jk->ajbk", smoother.shrinkage, np.eye(3))
+        return np.asarray(spread.reshape(2 * (3 * smoother.basis.size,)))
+
+
+@attrs.frozen(eq=False)
 class _Curves:
-    """Curvatures by the coefficients of a smoother's basis, at ``samples`` places uniform in the parameter."""
+    """Curves by a smoother's coefficients, at ``samples`` places uniform in the parameter."""
 
     smoother: Smoother
     samples: int
     normal: Array
 
-    def position(self, coefficients: Array) -> Array:
-        return np.asarray(self.smoother.basis.functions(np.linspace(0.0, 1.0, self.samples)) @ coefficients)
+    def position(self, points: Array) -> Array:
+        """The smooth curve of points."""
+        t = np.linspace(0.0, 1.0, self.samples)
+        return np.asarray(self.smoother.basis.functions(t) @ (self.smoother.solver @ points))
 
     def of(self, coefficients: Array) -> tuple[Array, Array]:
         """Arc lengths ``(..., samples)`` and curvatures ``(..., samples, 2)`` for coefficients ``(..., m, 3)``."""
@@ -300,20 +332,16 @@ class _Curves:
         s, curvature = bishop_curvature(t, points, first, second, self.normal)
         return s[..., ::_FINER], curvature[..., ::_FINER, :]
 
-    def known(self, coefficients: Array, spreads: Array, unit: float) -> tuple[Array, Array, Array]:
-        """Arc length, curvature and its standard errors, for points with covariances ``spreads`` across the curve."""
+    def known(self, noise: _Noise) -> tuple[Array, Array, Array]:
+        """Arc length, curvature and its standard errors, at the same arc length."""
         from scipy.interpolate import CubicSpline
 
+        coefficients = self.smoother.solver @ noise.points
         s, curvature = self.of(coefficients)
-        size = coefficients.size
-        step = _STEP * s[-1]
+        step, size = _STEP * s[-1], coefficients.size
         shifts = step * np.eye(size).reshape(size, *coefficients.shape)
         up, down = self.of(coefficients + shifts), self.of(coefficients - shifts)
-        by_length = (up[0] - down[0]) / (2.0 * step)
-        at_parameter = (up[1] - down[1]) / (2.0 * step)
         slope = CubicSpline(s, curvature)(s, 1)
-        jacobian = at_parameter - slope * by_length[..., None]
-        spread = np.einsum("ai,bi,ijk->ajbk", self.smoother.solver, self.smoother.solver, spreads)
-        spread = spread + unit * np.einsum("ab,jk->ajbk", self.smoother.shrinkage, np.eye(3))
-        variance = np.einsum("asc,ab,bsc->sc", jacobian, spread.reshape(size, size), jacobian)
+        jacobian = (up[1] - down[1] - slope * (up[0] - down[0])[..., None]) / (2.0 * step)
+        variance = np.einsum("asc,ab,bsc->sc", jacobian, noise.of_coefficients(self.smoother), jacobian, optimize=True)
         return s, curvature, np.sqrt(np.maximum(variance, 0.0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import attrs
@@ -14,7 +13,7 @@ from ..robot.checks import Array
 DEGREE = 5  # of splines: their curvature is smooth
 _INTERVALS = 16  # of a spline, at most: the penalty smooths, not the knots
 _LARGEST_ORDER = 12  # of polynomials tried
-_PENALTIES = 10.0 ** np.arange(-6.0, 7.01, 0.5)  # tried, relative to the data
+_PENALTIES = 10.0 ** np.arange(7.0, -6.01, -0.5)  # tried, relative to the data
 _LEVERAGE = 1.0 - 1e-6  # a point that alone decides its own fit cannot be left out
 
 
@@ -100,16 +99,16 @@ class Smoother:
         """Points less their smooth values, ``(k, 3)``."""
         return np.asarray(points - self.basis.functions(self.parameters) @ (self.solver @ points))
 
-    def score(self, points: Array, weights: Array) -> float:
-        """Root mean square error of points by the curve through the others, m; infinite if one cannot be left out."""
+    def left_out(self, points: Array, weights: Array) -> Array:
+        """Weighted squared distances ``(k,)``, m^2, of points from the curve through the others; or infinite."""
         if self.leverages.max() > _LEVERAGE:
-            return float("inf")
-        left_out = np.sum(self.residuals(points) ** 2, axis=1) / (1.0 - self.leverages) ** 2
-        return float(np.sqrt(weights @ left_out / weights.sum()))
+            return np.full(len(points), np.inf)
+        distances = np.sum(self.residuals(points) ** 2, axis=1) / (1.0 - self.leverages) ** 2
+        return np.asarray(distances * weights / weights.mean())
 
 
-def candidates(method: str, points: int, given: float | None) -> Iterable[tuple[float, Basis, float]]:
-    """``(key, basis, factor)`` of the smoothers to try: keys are orders of polynomials, or penalties of splines."""
+def candidates(method: str, points: int, given: float | None) -> list[tuple[float, Basis, float]]:
+    """``(key, basis, factor)`` to try, the simplest first; keys are orders, or penalties of splines."""
     if method == "spline":
         basis = splines(points)
         return [(float(key), basis, float(key)) for key in (_PENALTIES if given is None else (given,))]
@@ -123,11 +122,24 @@ def candidates(method: str, points: int, given: float | None) -> Iterable[tuple[
 def best(
     method: str, parameters: Array, points: Array, weights: Array, given: float | None
 ) -> tuple[float, Smoother, dict[float, float]]:
-    """The key with the least score, its smoother, and the scores by key."""
+    """The chosen key, its smoother, and the root mean square error of cross-validation, m, by key.
+
+    Chosen is the simplest smoother whose error is above the least by no more than one standard error of the difference
+    (L. Breiman et al., Classification and Regression Trees, 1984, 3.4.3): the least itself now and then has far too
+    many degrees of freedom, and curvatures suffer from them more than positions.
+    """
     tried = {
         key: Smoother.of(basis, parameters, weights, factor)
         for key, basis, factor in candidates(method, len(points), given)
     }
-    scores = {key: smoother.score(points, weights) for key, smoother in tried.items()}
-    chosen = min(scores, key=lambda key: scores[key])
-    return chosen, tried[chosen], scores
+    errors = {key: smoother.left_out(points, weights) for key, smoother in tried.items()}
+    least = min(errors.values(), key=np.sum)
+    chosen = next(key for key, value in errors.items() if _as_good(value, least))
+    return chosen, tried[chosen], {key: float(np.sqrt(value.mean())) for key, value in errors.items()}
+
+
+def _as_good(errors: Array, least: Array) -> bool:
+    if errors is least:
+        return True
+    worse = errors - least
+    return bool(np.all(np.isfinite(worse)) and worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)))

@@ -186,7 +186,7 @@ def _errors(cameras: Sequence[Camera], measured: Array, points: Array) -> tuple[
 
 def _information(jacobians: Array, deviations: Array) -> Array:
     scaled = jacobians / deviations[:, None, None]
-    return np.einsum("kcai,kcaj->kij", scaled, scaled)
+    return np.asarray(np.einsum("kcai,kcaj->kij", scaled, scaled))
 
 
 def _refined(cameras: Sequence[Camera], measured: Array, deviations: Array, points: Array) -> Array:
