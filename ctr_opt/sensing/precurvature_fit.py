@@ -142,10 +142,10 @@ def identify_precurvature(
 ) -> PrecurvatureFit:
     """Precurvature of a tube from points measured along it, with standard errors.
 
-    A smooth curve of the normalized chord length is fitted by weighted least squares: a polynomial, as in the paper, or
-    a spline of degree five with a penalty on the third derivative. Order or penalty are the simplest whose error of
-    leave-one-out cross-validation is the least to within its standard error. The curvature of the curve in Bishop's
-    frame is ``u* = (u*_x, u*_y, 0)``.
+    A smooth curve is fitted by weighted least squares, first as a function of the chord length, then of its own arc
+    length: a polynomial, as in the paper, or a spline of degree five with a penalty on the fourth derivative. Order or
+    penalty are the simplest whose error of leave-one-out cross-validation is the least, to within about its standard
+    error. The curvature of the curve in Bishop's frame is ``u* = (u*_x, u*_y, 0)``.
 
     Parameters
     ----------
@@ -200,8 +200,11 @@ def identify_precurvature(
     lead = number(straight, "straight", least=0.0, unit="m")
     spreads = covariances_of(sigma, covariances, len(measured))
     weights = np.ones(len(measured)) if spreads is None else 3.0 / np.trace(spreads, axis1=1, axis2=2)
-    parameters = _chord_lengths(measured)
-    chosen, smoother, scores = best(method, parameters, measured, weights, _given(method, order, smoothing))
+    given = _given(method, order, smoothing)
+    # Chords between noisy points jitter, which would bend the smooth curve's parameter: they are for a start.
+    _, start, _ = best(method, _chord_lengths(measured), measured, weights, given)
+    parameters = start.arc_lengths(measured)
+    chosen, smoother, scores = best(method, parameters, measured, weights, given)
     residuals = smoother.residuals(measured)
     estimated, unit = spreads is None, 1.0
     if spreads is None:
