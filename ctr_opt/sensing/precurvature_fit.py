@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import DefinitionError
 from ..robot.checks import Array, array, choice, index, number
 from ..robot.precurvature import PrecurvaturePiece, SampledCurvature, Straight
-from .bishop import bishop_curvature
 from .noise import covariances_of, points_of
+from .propagation import Curves, Noise, tangents
 from .smoothing import Smoother, best, polynomials
 
 if TYPE_CHECKING:
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 METHODS = ("polynomial", "spline")
 _FEWEST = 6
-_FINER = 4  # steps between two samples, in which the frame is carried
-_STEP = 1e-5  # of differences by the coefficients, of the curve's length: curvatures of 1/length change by 1e-4
 _FREE = 0.5  # degrees of freedom of the residuals, to estimate the noise from
 _PARALLEL = 1e-3  # rad: nearer to the curve, a normal does not say where x is
 _COLORS = ("#0072B2", "#D55E00")
@@ -92,7 +90,9 @@ class PrecurvatureFit:
         kind = f"polynomial of order {self.order}" if self.order else f"smoothing spline, penalty {self.smoothing:.3g}"
         how = "estimated" if self.estimated else "given"
         size, known = np.abs(self.curvature[:, :2]).max(axis=0), np.sqrt(np.mean(self.standard_errors**2, axis=0))
-        scores = ", ".join(f"{key:.3g}: {1e3 * value:.4f}" for key, value in self.scores.items())
+        chosen = [key in (self.order, self.smoothing) for key in self.scores].index(True)
+        near = list(self.scores.items())[max(chosen - 2, 0) : chosen + 3]
+        scores = ", ".join(f"{key:.3g}: {1e3 * value:.4f}" for key, value in near)
         return "\n".join(
             (
                 f"Precurvature of {len(self.residuals)} points on {1e3 * self.length:.2f} mm",
@@ -113,9 +113,7 @@ class PrecurvatureFit:
         ax
             Axes to draw on; a new figure by default. Arc length is in mm from the tube's base.
         """
-        import matplotlib.pyplot as plt
-
-        axes = plt.subplots(layout="constrained")[1] if ax is None else ax
+        axes = _new_axes() if ax is None else ax
         s = 1e3 * (self.straight + self.arc_length)
         for c, (color, label) in enumerate(zip(_COLORS, ("$u^*_x$", "$u^*_y$"), strict=True)):
             u, band = self.curvature[:, c], _NINETY_FIVE * self.standard_errors[:, c]
@@ -216,8 +214,8 @@ def identify_precurvature(
             )
         unit = float(np.sum(residuals**2)) / free
         spreads = np.broadcast_to(unit * np.eye(3), (len(measured), 3, 3))
-    noise = _Noise(measured, spreads, unit)
-    curves = _Curves(smoother, samples, _orientation(smoother, smoother.solver @ measured, normal))
+    noise = Noise(measured, spreads, unit)
+    curves = Curves(smoother, samples, _orientation(smoother, smoother.solver @ measured, normal))
     s, curvature, errors = curves.known(noise)
     if method == "polynomial" and order is None and chosen + 1 <= len(measured) - 2:
         higher = Smoother.of(polynomials(int(chosen) + 1), parameters, weights)
@@ -236,6 +234,12 @@ def identify_precurvature(
         estimated,
         lead,
     )
+
+
+def _new_axes() -> Axes:
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(layout="constrained")[1]
 
 
 def _given(method: str, order: int | None, smoothing: float | None) -> float | None:
@@ -273,11 +277,6 @@ def _chord_lengths(points: Array) -> Array:
     return np.asarray(reached / reached[-1])
 
 
-def _tangents(smoother: Smoother, coefficients: Array, t: Array) -> Array:
-    first = smoother.basis.functions(t, 1) @ coefficients
-    return np.asarray(first / np.linalg.norm(first, axis=-1, keepdims=True))
-
-
 def _with_bias(s: Array, curvature: Array, higher: tuple[Array, Array, Array]) -> Array:
     """Standard errors of a polynomial's curvature, by the next higher order's and the difference from it."""
     from scipy.interpolate import CubicSpline
@@ -290,61 +289,9 @@ def _with_bias(s: Array, curvature: Array, higher: tuple[Array, Array, Array]) -
 def _orientation(smoother: Smoother, coefficients: Array, normal: Any) -> Array:
     given = array(normal, "normal", (3,))
     size = float(np.linalg.norm(given))
-    tangent = _tangents(smoother, coefficients, np.zeros(1))[0]
+    tangent = tangents(smoother, coefficients, np.zeros(1))[0]
     if size == 0.0 or np.linalg.norm(np.cross(given, tangent)) <= _PARALLEL * size:
         raise DefinitionError(
             f"normal = {given.tolist()} must point away from the tangent at the base, {tangent.round(4).tolist()}"
         )
     return given / size
-
-
-@attrs.frozen(eq=False)
-class _Noise:
-    """Points, their covariances ``(k, 3, 3)`` and the variance of unit weight."""
-
-    points: Array
-    spreads: Array
-    unit: float
-
-    def of_coefficients(self, smoother: Smoother) -> Array:
-        """Covariance ``(3 m, 3 m)``: noise across the curve, and what a penalty leaves unknown."""
-        tangent = _tangents(smoother, smoother.solver @ self.points, smoother.parameters)
-        across = np.eye(3) - tangent[:, :, None] * tangent[:, None, :]
-        spread = np.einsum("ai,bi,ijk->ajbk", smoother.solver, smoother.solver, across @ self.spreads @ across)
-        spread = spread + self.unit * np.einsum("ab,jk->ajbk", smoother.shrinkage, np.eye(3))
-        return np.asarray(spread.reshape(2 * (3 * smoother.basis.size,)))
-
-
-@attrs.frozen(eq=False)
-class _Curves:
-    """Curves by a smoother's coefficients, at ``samples`` places uniform in the parameter."""
-
-    smoother: Smoother
-    samples: int
-    normal: Array
-
-    def position(self, points: Array) -> Array:
-        """The smooth curve of points."""
-        t = np.linspace(0.0, 1.0, self.samples)
-        return np.asarray(self.smoother.basis.functions(t) @ (self.smoother.solver @ points))
-
-    def of(self, coefficients: Array) -> tuple[Array, Array]:
-        """Arc lengths ``(..., samples)`` and curvatures ``(..., samples, 2)`` for coefficients ``(..., m, 3)``."""
-        t = np.linspace(0.0, 1.0, _FINER * (self.samples - 1) + 1)
-        points, first, second = (self.smoother.basis.functions(t, n) @ coefficients for n in range(3))
-        s, curvature = bishop_curvature(t, points, first, second, self.normal)
-        return s[..., ::_FINER], curvature[..., ::_FINER, :]
-
-    def known(self, noise: _Noise) -> tuple[Array, Array, Array]:
-        """Arc length, curvature and its standard errors, at the same arc length."""
-        from scipy.interpolate import CubicSpline
-
-        coefficients = self.smoother.solver @ noise.points
-        s, curvature = self.of(coefficients)
-        step, size = _STEP * s[-1], coefficients.size
-        shifts = step * np.eye(size).reshape(size, *coefficients.shape)
-        up, down = self.of(coefficients + shifts), self.of(coefficients - shifts)
-        slope = CubicSpline(s, curvature)(s, 1)
-        jacobian = (up[1] - down[1] - slope * (up[0] - down[0])[..., None]) / (2.0 * step)
-        variance = np.einsum("asc,ab,bsc->sc", jacobian, noise.of_coefficients(self.smoother), jacobian, optimize=True)
-        return s, curvature, np.sqrt(np.maximum(variance, 0.0))
