@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+
 from benchmarks.precurvature import TUBES, measure, points_of
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -72,6 +72,17 @@ def test_a_straight_tube_has_none():
     assert np.all(np.abs(fit.curvature[:, :2]) < 4 * fit.standard_errors)
 
 
+def test_dense_points_may_jitter_along_the_tube():
+    """Half a noise apart, so that every other point seems to lie behind the one before."""
+    rng, u = np.random.default_rng(8), lambda s: (3.0, 8.0)
+    points = points_of(u, 600) + 4e-4 * rng.normal(size=(600, 3))
+    for method in ("polynomial", "spline"):
+        fit = identify_precurvature(points, method=method)
+        assert fit.sigma == pytest.approx(4e-4, rel=0.08)  # 1 / sqrt(2 * 1200) = 2 percent, four times that
+        assert np.abs(errors_of(fit, u) / fit.standard_errors).max() < 4.0
+        assert fit.length == pytest.approx(LENGTH, abs=1e-3)  # the ends are points with noise of 0.4 mm
+
+
 @pytest.mark.parametrize(("method", "low"), [("polynomial", 0.93), ("spline", 0.93)])
 def test_bands_cover_the_truth(method, low):
     """Bands of 95 percent: over curve and repetitions they hold the truth about as often, rather more."""
@@ -129,7 +140,7 @@ def test_cross_validation_is_leaving_points_out():
         powers, left = np.vander(2 * q - 1, order + 1), []
         for k in range(len(noisy)):
             kept = np.arange(len(noisy)) != k
-            left.append(noisy[k] - powers[k] @ np.linalg.lstsq(powers[kept], noisy[kept])[0])
+            left.append(noisy[k] - powers[k] @ np.linalg.lstsq(powers[kept], noisy[kept], rcond=None)[0])
         assert fit.scores[order] == pytest.approx(np.sqrt(np.mean(np.sum(np.square(left), axis=1))), rel=0.02)
     assert fit.scores[fit.order] < 1.1 * min(fit.scores.values())
     assert set(fit.scores) == set(range(2, 13))

@@ -25,7 +25,7 @@ def deviations_of(sigma: Any, size: int, field: str = "sigma", unit: str = "m") 
     values = array(sigma, field, (size,), unit=unit)
     if not (values > 0.0).all():
         k = int(np.argmin(values > 0.0))
-        raise DefinitionError(f"{field}[{k}] = {values[k]:g} {unit} must be above 0")
+        raise DefinitionError(f"{field}[{k}] = {values[k]:g}{unit and f' {unit}'} must be above 0")
     return values
 
 

@@ -12,14 +12,16 @@ from ..robot.checks import Array, array, choice, index, number
 from ..robot.precurvature import PrecurvaturePiece, SampledCurvature, Straight
 from .noise import covariances_of, points_of
 from .propagation import Curves, Noise, tangents
-from .smoothing import Smoother, best, polynomials
+from .smoothing import LEAST_FREEDOM, Smoother, best, polynomials
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 METHODS = ("polynomial", "spline")
 _FEWEST = 6
-_FREE = 0.5  # degrees of freedom of the residuals, to estimate the noise from
+# Squares of noise that the product of two chords may be below zero, where dense points jitter; and the median of the
+# squared second differences of normal noise.
+_BACK, _SECOND_DIFFERENCES = 30.0, 6.0 * 2.366
 _PARALLEL = 1e-3  # rad: nearer to the curve, a normal does not say where x is
 _COLORS = ("#0072B2", "#D55E00")
 _NINETY_FIVE = 1.959964  # standard errors
@@ -207,12 +209,11 @@ def identify_precurvature(
     estimated, unit = spreads is None, 1.0
     if spreads is None:
         # Each point has noise in the two directions across the curve; the fit takes its leverage's part of it.
-        free = 2.0 * float(np.sum(1.0 - smoother.leverages))
-        if free < _FREE:
+        if smoother.freedom < LEAST_FREEDOM:
             raise DefinitionError(
                 f"smoothing = {chosen:g} is so small that the curve goes through all points: give sigma"
             )
-        unit = float(np.sum(residuals**2)) / free
+        unit = float(np.sum(residuals**2)) / (2.0 * smoother.freedom)
         spreads = np.broadcast_to(unit * np.eye(3), (len(measured), 3, 3))
     noise = Noise(measured, spreads, unit)
     curves = Curves(smoother, samples, _orientation(smoother, smoother.solver @ measured, normal))
@@ -268,10 +269,11 @@ def _chord_lengths(points: Array) -> Array:
             f"points[{k}] and points[{k + 1}] are the same point {points[k].tolist()} but must differ"
         )
     ahead = np.einsum("ki,ki->k", chords[1:], chords[:-1])
-    if ahead.min() <= 0.0:
+    noise = np.median(np.sum(np.diff(chords, axis=0) ** 2, axis=1)) / _SECOND_DIFFERENCES
+    if ahead.min() <= -_BACK * noise:
         k = int(np.argmin(ahead)) + 1
         raise DefinitionError(
-            f"points[{k}]: the points turn back there; order them from base to tip, farther apart than their noise"
+            f"points[{k}]: the points turn back there; they must be ordered from base to tip"
         )
     reached = np.concatenate(([0.0], np.cumsum(sizes)))
     return np.asarray(reached / reached[-1])

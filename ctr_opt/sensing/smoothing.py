@@ -14,12 +14,13 @@ DEGREE = 5  # of splines: their curvature is smooth
 _ROUGH = 4  # the derivative that is penalized: the third would hold the slope of the curvature down at the ends
 _INTERVALS = 16  # of a spline, at most: the penalty smooths, not the knots
 _LARGEST_ORDER = 12  # of polynomials tried
-_PENALTIES = 10.0 ** np.arange(9.0, -6.01, -0.5)  # tried, relative to the data
+_PENALTIES = 10.0 ** np.arange(6.0, -6.01, -0.5)  # tried, relative to the data
 _NEWTON_STEPS = 4
 _FINE = 401
 _BEYOND = 0.01  # the ends, as far as splines are followed
 # Standard errors by which an error may be above the least: measured, so that bands of 95 percent hold the truth in 95.
 _ALLOWANCES = {"polynomial": 1.0, "spline": 0.5}
+LEAST_FREEDOM = 0.25  # of the residuals of a coordinate, to estimate noise from
 _LEVERAGE = 1.0 - 1e-6  # a point that alone decides its own fit cannot be left out
 
 
@@ -89,6 +90,11 @@ class Smoother:
     shrinkage: Array
     leverages: Array
 
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of each coordinate's residuals."""
+        return float(np.sum(1.0 - self.leverages))
+
     @classmethod
     def of(cls, basis: Basis, parameters: Array, weights: Array, factor: float = 0.0) -> Smoother:
         """Weighted least squares with ``factor`` times the penalty (relative to the data)."""
@@ -123,7 +129,7 @@ class Smoother:
 
     def left_out(self, points: Array, weights: Array) -> Array:
         """Weighted squared distances ``(k,)``, m^2, of points from the curve through the others; or infinite."""
-        if self.leverages.max() > _LEVERAGE:
+        if self.leverages.max() > _LEVERAGE or self.freedom < LEAST_FREEDOM:
             return np.full(len(points), np.inf)
         distances = np.sum(self.residuals(points) ** 2, axis=1) / (1.0 - self.leverages) ** 2
         return np.asarray(distances * weights / weights.mean())
