@@ -12,7 +12,7 @@ from ..robot.checks import Array, array, choice, index, number
 from ..robot.precurvature import PrecurvaturePiece, SampledCurvature, Straight
 from .noise import covariances_of, points_of
 from .propagation import Curves, Noise, tangents
-from .smoothing import LEAST_FREEDOM, Smoother, best, polynomials
+from .smoothing import LEAST_FREEDOM, Data, Smoother, best, polynomials
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -137,6 +137,7 @@ def identify_precurvature(
     order: int | None = None,
     smoothing: float | None = None,
     straight: float = 0.0,
+    tangent: Any = None,
     normal: Any = (1.0, 0.0, 0.0),
     samples: int = 101,
 ) -> PrecurvatureFit:
@@ -164,6 +165,9 @@ def identify_precurvature(
         Weight of the spline's penalty, above 0; by cross-validation if ``None``.
     straight
         Length of a straight part before the first point, m, which is not fitted.
+    tangent
+        Direction of the curve at its base ``(3,)``, if it is known: that of the straight part, as
+        :func:`wire_direction` finds it. Otherwise the tube's tip is no better known than the fitted direction there.
     normal
         Direction of x at the base, as far as it is normal to the curve.
     samples
@@ -202,9 +206,10 @@ def identify_precurvature(
     weights = np.ones(len(measured)) if spreads is None else 3.0 / np.trace(spreads, axis1=1, axis2=2)
     given = _given(method, order, smoothing)
     # Chords between noisy points jitter, which would bend the smooth curve's parameter: they are for a start.
-    _, start, _ = best(method, _chord_lengths(measured), measured, weights, given)
-    parameters = start.arc_lengths(measured)
-    chosen, smoother, scores = best(method, parameters, measured, weights, given)
+    _, start, _ = best(method, Data(measured, _chord_lengths(measured), weights), given)
+    parameters, length = start.arc_lengths(measured)
+    data = Data(measured, parameters, weights, None if tangent is None else length * _direction(tangent))
+    chosen, smoother, scores = best(method, data, given)
     residuals = smoother.residuals(measured)
     estimated, unit = spreads is None, 1.0
     if spreads is None:
@@ -216,10 +221,10 @@ def identify_precurvature(
         unit = float(np.sum(residuals**2)) / (2.0 * smoother.freedom)
         spreads = np.broadcast_to(unit * np.eye(3), (len(measured), 3, 3))
     noise = Noise(measured, spreads, unit)
-    curves = Curves(smoother, samples, _orientation(smoother, smoother.solver @ measured, normal))
+    curves = Curves(smoother, samples, _orientation(smoother, smoother.coefficients(measured), normal))
     s, curvature, errors = curves.known(noise)
     if method == "polynomial" and order is None and chosen + 1 <= len(measured) - 2:
-        higher = Smoother.of(polynomials(int(chosen) + 1), parameters, weights)
+        higher = Smoother.of(polynomials(int(chosen) + 1), data)
         errors = _with_bias(s, curvature, attrs.evolve(curves, smoother=higher).known(noise))
     return PrecurvatureFit(
         s,
@@ -272,9 +277,7 @@ def _chord_lengths(points: Array) -> Array:
     noise = np.median(np.sum(np.diff(chords, axis=0) ** 2, axis=1)) / _SECOND_DIFFERENCES
     if ahead.min() <= -_BACK * noise:
         k = int(np.argmin(ahead)) + 1
-        raise DefinitionError(
-            f"points[{k}]: the points turn back there; they must be ordered from base to tip"
-        )
+        raise DefinitionError(f"points[{k}]: the points turn back there; they must be ordered from base to tip")
     reached = np.concatenate(([0.0], np.cumsum(sizes)))
     return np.asarray(reached / reached[-1])
 
@@ -286,6 +289,14 @@ def _with_bias(s: Array, curvature: Array, higher: tuple[Array, Array, Array]) -
     # The two lengths differ by less than a step, and at the tip a curve is followed a little beyond its end.
     difference = CubicSpline(higher[0], higher[1])(s) - curvature
     return np.hypot(higher[2], difference)
+
+
+def _direction(tangent: Any) -> Array:
+    given = array(tangent, "tangent", (3,))
+    size = float(np.linalg.norm(given))
+    if size == 0.0:
+        raise DefinitionError("tangent = [0.0, 0.0, 0.0] must be a direction")
+    return given / size
 
 
 def _orientation(smoother: Smoother, coefficients: Array, normal: Any) -> Array:

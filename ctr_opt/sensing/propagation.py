@@ -15,7 +15,7 @@ _STEP = 1e-5  # of differences by the coefficients, of the curve's length: curva
 
 def tangents(smoother: Smoother, coefficients: Array, t: Array) -> Array:
     """Unit tangents ``(k, 3)`` at parameters ``(k,)``."""
-    first = smoother.basis.functions(t, 1) @ coefficients
+    first = smoother.curve(coefficients, t, 1)
     return np.asarray(first / np.linalg.norm(first, axis=-1, keepdims=True))
 
 
@@ -29,7 +29,7 @@ class Noise:
 
     def of_coefficients(self, smoother: Smoother) -> Array:
         """Covariance ``(3 m, 3 m)``: noise across the curve, and what a penalty leaves unknown."""
-        tangent = tangents(smoother, smoother.solver @ self.points, smoother.parameters)
+        tangent = tangents(smoother, smoother.coefficients(self.points), smoother.parameters)
         across = np.eye(3) - tangent[:, :, None] * tangent[:, None, :]
         spread = np.einsum("ai,bi,ijk->ajbk", smoother.solver, smoother.solver, across @ self.spreads @ across)
         spread = spread + self.unit * np.einsum("ab,jk->ajbk", smoother.shrinkage, np.eye(3))
@@ -47,12 +47,12 @@ class Curves:
     def position(self, points: Array) -> Array:
         """The smooth curve of points."""
         t = np.linspace(0.0, 1.0, self.samples)
-        return np.asarray(self.smoother.basis.functions(t) @ (self.smoother.solver @ points))
+        return self.smoother.curve(self.smoother.coefficients(points), t)
 
     def of(self, coefficients: Array) -> tuple[Array, Array]:
         """Arc lengths ``(..., samples)`` and curvatures ``(..., samples, 2)`` for coefficients ``(..., m, 3)``."""
         t = np.linspace(0.0, 1.0, _FINER * (self.samples - 1) + 1)
-        points, first, second = (self.smoother.basis.functions(t, n) @ coefficients for n in range(3))
+        points, first, second = (self.smoother.curve(coefficients, t, n) for n in range(3))
         s, curvature = bishop_curvature(t, points, first, second, self.normal)
         return s[..., ::_FINER], curvature[..., ::_FINER, :]
 
@@ -60,7 +60,7 @@ class Curves:
         """Arc length, curvature and its standard errors, at the same arc length."""
         from scipy.interpolate import CubicSpline
 
-        coefficients = self.smoother.solver @ noise.points
+        coefficients = self.smoother.coefficients(noise.points)
         s, curvature = self.of(coefficients)
         step, size = _STEP * s[-1], coefficients.size
         shifts = step * np.eye(size).reshape(size, *coefficients.shape)

@@ -39,6 +39,12 @@ class Basis:
         """Number of functions."""
         return len(self.penalty)
 
+    def clamped(self) -> Basis:
+        """All combinations of the functions that have no slope at 0."""
+        slopes = self.functions(np.zeros(1), 1)
+        kept = np.linalg.svd(slopes)[2][1:].T
+        return Basis(lambda t, n=0: self.functions(t, n) @ kept, kept.T @ self.penalty @ kept)
+
 
 def polynomials(order: int) -> Basis:
     """Legendre polynomials up to an order, orthogonal on ``[0, 1]``."""
@@ -71,11 +77,26 @@ def splines(points: int) -> Basis:
 
 
 @attrs.frozen(eq=False)
+class Data:
+    """Points ``(k, 3)``, m, at parameters in ``[0, 1]``, with relative weights ``(k,)``.
+
+    ``slope`` is the derivative of the curve by the parameter at its base, ``(3,)`` m, if it is known.
+    """
+
+    points: Array
+    parameters: Array
+    weights: Array
+    slope: Array | None = None
+
+
+@attrs.frozen(eq=False)
 class Smoother:
-    """A linear smoother at given parameters: coefficients are ``solver @ points``.
+    """A linear smoother at given parameters: coefficients are ``solver @ (points - parameters * slope)``.
 
     Attributes
     ----------
+    slope
+        ``(3,)`` m: the curve is that of the coefficients and ``t slope``; zero if the slope at the base is free.
     solver
         ``(m, k)``.
     shrinkage
@@ -85,6 +106,7 @@ class Smoother:
     """
 
     basis: Basis
+    slope: Array
     parameters: Array
     solver: Array
     shrinkage: Array
@@ -96,36 +118,49 @@ class Smoother:
         return float(np.sum(1.0 - self.leverages))
 
     @classmethod
-    def of(cls, basis: Basis, parameters: Array, weights: Array, factor: float = 0.0) -> Smoother:
+    def of(cls, basis: Basis, data: Data, factor: float = 0.0) -> Smoother:
         """Weighted least squares with ``factor`` times the penalty (relative to the data)."""
+        parameters, weights, slope = data.parameters, data.weights, np.zeros(3)
+        if data.slope is not None:
+            basis, slope = basis.clamped(), data.slope
         values = basis.functions(parameters)
-        data = values.T @ (weights[:, None] * values)
-        scale = np.trace(data) / np.trace(basis.penalty) if factor else 0.0
-        inverse = np.linalg.inv(data + factor * scale * basis.penalty)
+        normal = values.T @ (weights[:, None] * values)
+        scale = np.trace(normal) / np.trace(basis.penalty) if factor else 0.0
+        inverse = np.linalg.inv(normal + factor * scale * basis.penalty)
         solver = inverse @ (values.T * weights)
         # The posterior of Wahba and Nychka less the spread by noise: on average over the curve, the square of the bias.
-        shrinkage = inverse - inverse @ data @ inverse if factor else np.zeros_like(inverse)
-        return cls(basis, parameters, solver, shrinkage, np.einsum("km,mk->k", values, solver))
+        shrinkage = inverse - inverse @ normal @ inverse if factor else np.zeros_like(inverse)
+        return cls(basis, slope, parameters, solver, shrinkage, np.einsum("km,mk->k", values, solver))
 
-    def arc_lengths(self, points: Array) -> Array:
-        """Normalized arc lengths ``(k,)`` of the smooth curve where it is nearest to the points."""
+    def coefficients(self, points: Array) -> Array:
+        """Coefficients ``(m, 3)`` of the smooth curve of points ``(k, 3)``."""
+        return np.asarray(self.solver @ (points - self.parameters[:, None] * self.slope))
+
+    def curve(self, coefficients: Array, t: Array, derivative: int = 0) -> Array:
+        """The curve ``(..., len(t), 3)`` of coefficients ``(..., m, 3)``, or a derivative by ``t``."""
+        by_slope = (t[:, None] if derivative == 0 else float(derivative == 1)) * self.slope
+        return np.asarray(self.basis.functions(t, derivative) @ coefficients + by_slope)
+
+    def arc_lengths(self, points: Array) -> tuple[Array, float]:
+        """Normalized arc lengths ``(k,)`` of the smooth curve where it is nearest to the points, and its length, m."""
         from scipy.interpolate import CubicSpline
 
-        coefficients, t = self.solver @ points, self.parameters
+        coefficients, t = self.coefficients(points), self.parameters
         for _ in range(_NEWTON_STEPS):
-            shape, slope, bend = (self.basis.functions(t, n) @ coefficients for n in range(3))
+            shape, slope, bend = (self.curve(coefficients, t, n) for n in range(3))
             offset, square = shape - points, np.sum(slope**2, axis=1)
             # Half of the square at least: far from the curve Newton's step would lead away from the nearest place.
             curvature = np.maximum(square + np.sum(offset * bend, axis=1), 0.5 * square)
             t = np.clip(t - np.sum(offset * slope, axis=1) / curvature, -_BEYOND, 1.0 + _BEYOND)
         fine = np.linspace(-_BEYOND, 1.0 + _BEYOND, _FINE)
-        speed = np.linalg.norm(self.basis.functions(fine, 1) @ coefficients, axis=1)
+        speed = np.linalg.norm(self.curve(coefficients, fine, 1), axis=1)
         reached = CubicSpline(fine, speed).antiderivative()(t)
-        return np.asarray((reached - reached[0]) / (reached[-1] - reached[0]))
+        length = float(reached[-1] - reached[0])
+        return np.asarray((reached - reached[0]) / length), length
 
     def residuals(self, points: Array) -> Array:
         """Points less their smooth values, ``(k, 3)``."""
-        return np.asarray(points - self.basis.functions(self.parameters) @ (self.solver @ points))
+        return points - self.curve(self.coefficients(points), self.parameters)
 
     def left_out(self, points: Array, weights: Array) -> Array:
         """Weighted squared distances ``(k,)``, m^2, of points from the curve through the others; or infinite."""
@@ -147,9 +182,7 @@ def candidates(method: str, points: int, given: float | None) -> list[tuple[floa
     return [(order, polynomials(order), 0.0) for order in orders]
 
 
-def best(
-    method: str, parameters: Array, points: Array, weights: Array, given: float | None
-) -> tuple[float, Smoother, dict[float, float]]:
+def best(method: str, data: Data, given: float | None) -> tuple[float, Smoother, dict[float, float]]:
     """The chosen key, its smoother, and the root mean square error of cross-validation, m, by key.
 
     Chosen is the simplest smoother whose error is above the least by no more than one standard error of the difference
@@ -157,10 +190,9 @@ def best(
     and then has far too many degrees of freedom, and curvatures suffer from them more than positions.
     """
     tried = {
-        key: Smoother.of(basis, parameters, weights, factor)
-        for key, basis, factor in candidates(method, len(points), given)
+        key: Smoother.of(basis, data, factor) for key, basis, factor in candidates(method, len(data.points), given)
     }
-    errors = {key: smoother.left_out(points, weights) for key, smoother in tried.items()}
+    errors = {key: smoother.left_out(data.points, data.weights) for key, smoother in tried.items()}
     least = min(errors.values(), key=np.sum)
     chosen = next(key for key, value in errors.items() if _as_good(value, least, _ALLOWANCES[method]))
     return chosen, tried[chosen], {key: float(np.sqrt(value.mean())) for key, value in errors.items()}
