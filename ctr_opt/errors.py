@@ -43,5 +43,9 @@ class CompilationError(CtrOptError, RuntimeError):
     """C code was not compiled or not loaded: the message ends with the compiler's last lines."""
 
 
+class MissingExtraError(CtrOptError, ImportError):
+    """An optional dependency is not installed: the message names the extra that brings it."""
+
+
 class NestingWarning(UserWarning):
     """An inner tube is wider than the bore of the tube around it."""

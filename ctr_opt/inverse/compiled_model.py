@@ -118,4 +118,3 @@ def euler_rates(angles: Array) -> Array:
             [np.sin(b), 0.0, 1.0],
         ]
     )
-

@@ -126,7 +126,9 @@ class Estimation:
     def of(self, experiments: Sequence[Experiment], wanted: Iterable[str]) -> Estimation:
         """The same of other experiments, with the parameters' own priors, bounds and scales."""
         given = {each.name: each for each in self.wanted}
-        return Estimation(self.robot, experiments, [given[name] for name in wanted], self.loss, self.tolerance, self.compiled)
+        return Estimation(
+            self.robot, experiments, [given[name] for name in wanted], self.loss, self.tolerance, self.compiled
+        )
 
     @property
     def prepared(self) -> bool:

@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
 """Equality of a field that holds an array."""
 _LARGEST = 1e30  # in SI: no length, modulus or force is larger, and none overflows
+_ROTATION_TOLERANCE = 1e-6
 
 
 def number(
@@ -61,6 +62,25 @@ def array(value: Any, field: str, shape: tuple[int | None, ...], *, unit: str = 
         raise DefinitionError(f"{field}[{where}] = {result[tuple(bad[0])]} must be a finite number{_in(unit)}")
     result.setflags(write=False)
     return result
+
+
+def rigid(value: Any, field: str) -> Array:
+    """``value`` as a pose ``(4, 4)``, its rotation accepted up to rounding of 1e-6 and made exact."""
+    pose = np.array(array(value, field, (4, 4)))
+    if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
+        raise DefinitionError(f"{field}: the last row {pose[3].tolist()} must be [0, 0, 0, 1]")
+    rotation = pose[:3, :3]
+    defect = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    determinant = float(np.linalg.det(rotation))
+    if defect > _ROTATION_TOLERANCE or determinant < 0.0:
+        raise DefinitionError(
+            f"{field}: the upper left 3 x 3 block is no rotation (R^T R differs from the identity by {defect:.2g}, "
+            f"allowed {_ROTATION_TOLERANCE:g}; det R = {determinant:.6g}, must be 1)"
+        )
+    left, _, right = np.linalg.svd(rotation)
+    pose[:3, :3] = left @ right
+    pose.setflags(write=False)
+    return pose
 
 
 def _wanted(shape: tuple[int | None, ...]) -> str:

@@ -10,10 +10,9 @@ import attrs
 import numpy as np
 
 from ..errors import DefinitionError, NestingWarning
-from .checks import ARRAY_EQ, Array, array, choice
+from .checks import ARRAY_EQ, Array, choice, rigid
 from .tube import Tube
 
-_ROTATION_TOLERANCE = 1e-6
 ON_OVERLAP = ("warn", "error", "ignore")
 
 
@@ -34,23 +33,7 @@ def _tubes(value: Any) -> tuple[Tube, ...]:
 
 
 def _pose(value: Any) -> Array:
-    if value is None:
-        value = np.eye(4)
-    pose = np.array(array(value, "base_pose", (4, 4)))
-    if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
-        raise DefinitionError(f"base_pose: the last row {pose[3].tolist()} must be [0, 0, 0, 1]")
-    rotation = pose[:3, :3]
-    defect = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    determinant = float(np.linalg.det(rotation))
-    if defect > _ROTATION_TOLERANCE or determinant < 0.0:
-        raise DefinitionError(
-            f"base_pose: the upper left 3 x 3 block is no rotation (R^T R differs from the identity by {defect:.2g}, "
-            f"allowed {_ROTATION_TOLERANCE:g}; det R = {determinant:.6g}, must be 1)"
-        )
-    left, _, right = np.linalg.svd(rotation)
-    pose[:3, :3] = left @ right
-    pose.setflags(write=False)
-    return pose
+    return rigid(np.eye(4) if value is None else value, "base_pose")
 
 
 @attrs.frozen

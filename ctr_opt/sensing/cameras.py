@@ -1,0 +1,223 @@
+"""Calibrated cameras: from points in the world to pixels, and from pixels to rays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.checks import ARRAY_EQ, Array, array, rigid
+from .noise import points_of
+from .opencv import opencv
+
+_NEWTON_STEPS = 20  # of the undistortion
+_PIXEL = 1e-7  # px: an undistorted pixel is distorted back to better than this
+
+
+def _intrinsics(value: Any) -> Array:
+    matrix = array(value, "intrinsics", (3, 3), unit="px")
+    if matrix[0, 0] <= 0.0 or matrix[1, 1] <= 0.0:
+        raise DefinitionError(f"intrinsics: focal lengths {matrix[0, 0]:g}, {matrix[1, 1]:g} px must be above 0")
+    expected = np.array([[matrix[0, 0], 0.0, matrix[0, 2]], [0.0, matrix[1, 1], matrix[1, 2]], [0.0, 0.0, 1.0]])
+    if not np.array_equal(matrix, expected):
+        raise DefinitionError(
+            f"intrinsics = {matrix.tolist()} must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]: pixels without skew"
+        )
+    return matrix
+
+
+def _distortion(value: Any) -> Array:
+    coefficients = array(np.ravel(value) if np.size(value) else np.zeros(0), "distortion", (None,))
+    if len(coefficients) not in (0, 4, 5):
+        raise DefinitionError(
+            f"distortion has {len(coefficients)} coefficients, but must have none, 4 (k1, k2, p1, p2) or 5 (and k3)"
+        )
+    return coefficients
+
+
+def _pose(value: Any) -> Array:
+    return rigid(value, "pose")
+
+
+def _resolution(value: Any) -> Array | None:
+    if value is None:
+        return None
+    size = array(value, "resolution", (2,), unit="px")
+    if not (size >= 1.0).all():
+        raise DefinitionError(f"resolution = {size.tolist()} px must be (width, height), at least 1")
+    return size
+
+
+@attrs.frozen
+class Camera:
+    """A calibrated camera: pinhole with the lens distortion of Brown and Conrady.
+
+    A point ``(X, Y, Z)`` in the camera's frame (x to the right, y down, z forward) has normalized coordinates
+    ``(x, y) = (X, Y) / Z``; the lens moves them, with ``r^2 = x^2 + y^2`` and ``c = 1 + k1 r^2 + k2 r^4 + k3 r^6``, to
+    ``(c x + 2 p1 x y + p2 (r^2 + 2 x^2), c y + p1 (r^2 + 2 y^2) + 2 p2 x y)``, which ``intrinsics`` maps to pixels.
+
+    Parameters
+    ----------
+    intrinsics
+        ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``, px, the centre of the first pixel being (0, 0).
+    pose
+        Pose of the camera's frame in the world, ``(4, 4)``, m; default identity.
+    distortion
+        ``k1, k2, p1, p2`` and perhaps ``k3``, in OpenCV's order; default none.
+    resolution
+        ``(width, height)``, px: pixels outside are then refused.
+
+    Raises
+    ------
+    DefinitionError
+        Wrong shapes, focal lengths that are not positive, skewed pixels, a pose that is no pose.
+
+    Notes
+    -----
+    The model and the order of its coefficients are OpenCV's (``cv2.projectPoints``), and those of the MATLAB
+    calibration toolbox that the paper used. Needs the extra ``sensing``.
+
+    Examples
+    --------
+    >>> camera = Camera([[800, 0, 512], [0, 800, 384], [0, 0, 1]], resolution=(1024, 768))
+    >>> camera.project([[0.1, 0.05, 1.0]]).round(9).tolist()
+    [[592.0, 424.0]]
+    """
+
+    intrinsics: Array = attrs.field(converter=_intrinsics, eq=ARRAY_EQ, hash=False)
+    pose: Array = attrs.field(default=np.eye(4), converter=_pose, eq=ARRAY_EQ, hash=False)
+    distortion: Array = attrs.field(default=(), converter=_distortion, eq=ARRAY_EQ, hash=False, kw_only=True)
+    resolution: Array | None = attrs.field(
+        default=None, converter=_resolution, eq=attrs.cmp_using(eq=np.array_equal), hash=False, kw_only=True
+    )
+
+    @classmethod
+    def from_opencv(
+        cls,
+        intrinsics: Any,
+        distortion: Any = (),
+        *,
+        rotation: Any = None,
+        translation: Any = None,
+        resolution: Any = None,
+    ) -> Camera:
+        """A camera by what OpenCV's calibration returns: ``X_camera = rotation X_world + translation``.
+
+        Parameters
+        ----------
+        intrinsics, distortion, resolution
+            As above.
+        rotation
+            ``(3, 3)``, or a rotation vector ``(3,)``, rad, of the world in the camera; default none.
+        translation
+            ``(3,)`` m; default zero. With ``R, T`` of ``cv2.stereoCalibrate`` for the second camera, the world is the
+            first camera's frame.
+        """
+        from scipy.spatial.transform import Rotation
+
+        inverse = np.eye(4)
+        if rotation is not None and np.size(rotation) == 3:
+            vector = array(np.ravel(rotation), "rotation", (3,), unit="rad")
+            inverse[:3, :3] = Rotation.from_rotvec(vector.copy()).as_matrix()
+        elif rotation is not None:
+            inverse[:3, :3] = array(rotation, "rotation", (3, 3))
+        if translation is not None:
+            inverse[:3, 3] = array(np.ravel(translation), "translation", (3,), unit="m")
+        inverse = np.array(rigid(inverse, "rotation and translation"))
+        turn = inverse[:3, :3].T
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn, -turn @ inverse[:3, 3]
+        return cls(intrinsics, pose, distortion=distortion, resolution=resolution)
+
+    @property
+    def position(self) -> Array:
+        """Centre of projection in the world, ``(3,)`` m."""
+        return self.pose[:3, 3]
+
+    def moved(self, pose: Any) -> Camera:
+        """The camera with its world moved by ``pose`` ``(4, 4)``, as by that of a registration."""
+        return attrs.evolve(self, pose=rigid(pose, "pose") @ self.pose)
+
+    def in_frame(self, points: Any) -> Array:
+        """Points of the world ``(k, 3)``, m, in the camera's frame."""
+        return (points_of(points, "points", least=0) - self.position) @ self.pose[:3, :3]
+
+    def project(self, points: Any) -> Array:
+        """Pixels ``(k, 2)`` of points of the world ``(k, 3)``, m; points behind the camera are refused."""
+        return self.linearized(points)[0]
+
+    def linearized(self, points: Any) -> tuple[Array, Array]:
+        """Pixels ``(k, 2)`` and their derivatives by the points, ``(k, 2, 3)`` px/m."""
+        local = self.in_frame(points)
+        if len(local) and local[:, 2].min() <= 0.0:
+            k = int(np.argmin(local[:, 2]))
+            raise DefinitionError(
+                f"points[{k}] is behind the camera: z = {local[k, 2]:g} m in its frame must be above 0"
+            )
+        pixels, by_local = self._distorted(local)
+        return pixels, by_local @ self.pose[:3, :3].T
+
+    def _distorted(self, local: Array) -> tuple[Array, Array]:
+        if len(local) == 0:
+            return np.zeros((0, 2)), np.zeros((0, 2, 3))
+        zero = np.zeros(3)
+        pixels, jacobian = opencv().projectPoints(
+            np.ascontiguousarray(local)[:, None, :], zero, zero, self.intrinsics.copy(), self.distortion.copy()
+        )
+        # Columns 3 to 5 are the derivatives by OpenCV's translation, which is added to the points.
+        return pixels[:, 0], jacobian[:, 3:6].reshape(-1, 2, 3)
+
+    def sees(self, points: Any) -> Any:
+        """Which points ``(k, 3)``, m, are in front of the camera and, where its resolution is known, in the image."""
+        local = self.in_frame(points)
+        seen = local[:, 2] > 0.0
+        if self.resolution is not None and seen.any():
+            pixels, _ = self._distorted(local[seen])
+            seen[seen] = np.all((pixels >= -0.5) & (pixels <= self.resolution - 0.5), axis=1)
+        return seen
+
+    def undistort(self, pixels: Any) -> Array:
+        """Normalized coordinates ``(k, 2)`` that the lens maps to pixels ``(k, 2)``, by Newton's method to 1e-7 px.
+
+        Raises
+        ------
+        DefinitionError
+            A pixel outside the image, or one to which this distortion maps nothing.
+        """
+        wanted = array(pixels, "pixels", (None, 2), unit="px")
+        self._check_inside(wanted)
+        found = (wanted - self.intrinsics[:2, 2]) / self.intrinsics[[0, 1], [0, 1]]
+        if not self.distortion.any():
+            return found
+        with np.errstate(all="ignore"):
+            for _ in range(_NEWTON_STEPS):
+                reached, jacobian = self._distorted(np.column_stack((found, np.ones(len(found)))))
+                step = np.linalg.solve(jacobian[:, :, :2], (wanted - reached)[..., None])[..., 0]
+                found = found + step
+            error = np.abs(self._distorted(np.column_stack((found, np.ones(len(found)))))[0] - wanted)
+        bad = ~(error.max(axis=1, initial=0.0) <= _PIXEL)
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise DefinitionError(
+                f"pixels[{k}] = {wanted[k].tolist()} px is none that this distortion can lead to: check both"
+            )
+        return found
+
+    def _check_inside(self, pixels: Array) -> None:
+        if self.resolution is None:
+            return
+        outside = np.any((pixels < -0.5) | (pixels > self.resolution - 0.5), axis=1)
+        if outside.any():
+            k = int(np.argmax(outside))
+            width, height = self.resolution
+            raise DefinitionError(
+                f"pixels[{k}] = {pixels[k].tolist()} px is outside the image of {width:g} x {height:g} px"
+            )
+
+    def rays(self, pixels: Any) -> Array:
+        """Unit vectors ``(k, 3)`` in the world from ``position`` toward what pixels ``(k, 2)`` show."""
+        flat = self.undistort(pixels)
+        local = np.column_stack((flat, np.ones(len(flat))))
+        return np.asarray(local / np.linalg.norm(local, axis=1, keepdims=True) @ self.pose[:3, :3].T)

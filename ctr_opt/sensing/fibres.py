@@ -1,0 +1,162 @@
+"""Curvature from the strains of the cores of an optical fibre."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.checks import Array, array, flag, number
+from .noise import deviations_of, symmetric
+
+_DEGENERATE = 1e-9  # ratio of singular values
+_FEWEST = 5  # strains over, from which the noise is estimated
+
+
+@attrs.frozen(eq=False)
+class FibreCurvature:
+    """Curvatures along a fibre.
+
+    Attributes
+    ----------
+    curvature
+        ``(k, 2)`` 1/m: ``u_x``, ``u_y`` in the fibre's frame.
+    common_strain
+        ``(k,)``: of temperature and tension; zeros if it was taken to be none.
+    covariance
+        Of ``u_x``, ``u_y`` (and the common strain), the same in each row, ``(2, 2)`` or ``(3, 3)``; ``None`` where
+        nothing says how well strains are known.
+    residuals
+        ``(k, cores)``: measured less fitted strains.
+    """
+
+    curvature: Array
+    common_strain: Array
+    covariance: Array | None
+    residuals: Array
+
+    @property
+    def standard_deviations(self) -> Array | None:
+        """Of ``u_x`` and ``u_y``, ``(2,)`` 1/m, if they are known."""
+        return None if self.covariance is None else np.sqrt(np.diag(self.covariance)[:2])
+
+    def report(self) -> str:
+        """Text: ranges of curvature and common strain, and how well curvatures are known."""
+        known, low, high = self.standard_deviations, self.curvature.min(axis=0), self.curvature.max(axis=0)
+        errors = "not known: give sigma" if known is None else f"{known[0]:.4g}, {known[1]:.4g} 1/m in u_x, u_y"
+        strain = 1e6 * self.common_strain
+        return "\n".join(
+            (
+                f"Curvature at {len(self.curvature)} places from {self.residuals.shape[1]} cores",
+                f"  u_x, u_y              from {low[0]:.4g}, {low[1]:.4g} to {high[0]:.4g}, {high[1]:.4g} 1/m",
+                f"  common strain         from {strain.min():.4g} to {strain.max():.4g} millionths",
+                f"  standard deviations   {errors}",
+                f"  residuals             {1e6 * np.sqrt(np.mean(self.residuals**2)):.4g} millionths (rms)",
+            )
+        )
+
+
+def core_ring(radius: float, angles: Any) -> Array:
+    """Positions ``(cores, 2)``, m, of cores at a radius, m, and angles from x toward y, ``(cores,)`` rad.
+
+    >>> core_ring(35e-6, [0.0, 1.5707963267948966]).round(9).tolist()
+    [[3.5e-05, 0.0], [0.0, 3.5e-05]]
+    """
+    turns = array(angles, "angles", (None,), unit="rad")
+    return number(radius, "radius", above=0.0, unit="m") * np.column_stack((np.cos(turns), np.sin(turns)))
+
+
+def curvature_from_strains(
+    strains: Any,
+    core_positions: Any,
+    *,
+    sigma: Any = None,
+    covariance: Any = None,
+    temperature: bool = True,
+) -> FibreCurvature:
+    """Curvatures along a fibre from the axial strains of its cores, by weighted least squares.
+
+    A core at ``(x, y)`` of a cross-section bent by ``u`` is strained by ``e3 . (u x (x, y, 0))``, so
+    ``strain = u_x y - u_y x + common``. Positive ``u_x`` bends toward -y and stretches the side of +y.
+
+    Parameters
+    ----------
+    strains
+        ``(k, cores)``, dimensionless, at ``k`` places along the fibre.
+    core_positions
+        ``(cores, 2)`` m, in the fibre's frame, from its neutral axis: see :func:`core_ring`.
+    sigma
+        Standard deviation of a strain: one number or one for each core. ``None``: estimated from the residuals, one
+        for all, where enough strains are over.
+    covariance
+        Instead, of the strains of a cross-section, ``(cores, cores)``.
+    temperature
+        Strains have a part common to all cores (temperature, tension), which is found too; ``False``: they have none.
+
+    Raises
+    ------
+    DefinitionError
+        Wrong shapes, cores that cannot tell both curvatures (and the common strain) apart.
+
+    Notes
+    -----
+    R. Duncan, M. Raum, Proc. SPIE 6167, 2006; J. Moore, M. Rogge, Optics Express 20(3), 2012. To first order in the
+    strains; cores parallel to the axis, which a twist strains to second order only. Cores spun around the axis turn
+    their frame with arc length: give positions as they are there, place by place.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> cores = core_ring(35e-6, np.deg2rad([90.0, 210.0, 330.0]))
+    >>> found = curvature_from_strains([[3.5e-4, -1.75e-4, -1.75e-4]], cores, sigma=1e-6)
+    >>> (found.curvature.round(6) + 0.0).tolist(), found.standard_deviations.round(4).tolist()
+    ([[10.0, 0.0]], [0.0233, 0.0233])
+    """
+    places = array(core_positions, "core_positions", (None, 2), unit="m")
+    measured = array(strains, "strains", (None, len(places)))
+    if len(measured) == 0:
+        raise DefinitionError("strains has no row, but needs at least one place along the fibre")
+    design = np.column_stack((places[:, 1], -places[:, 0], np.ones(len(places))))
+    design = design if flag(temperature, "temperature") else design[:, :2]
+    scales = np.abs(design).max(axis=0, initial=0.0)
+    _check_cores(design, scales)
+    spread = _spread(sigma, covariance, len(places))
+    chol = np.linalg.cholesky(np.eye(len(places)) if spread is None else spread)
+    solver = np.linalg.pinv(np.linalg.solve(chol, design / scales)) @ np.linalg.inv(chol) / scales[:, None]
+    found = measured @ solver.T
+    residuals = measured - found @ design.T
+    if spread is None:
+        over = residuals.size - found.size
+        spread = np.sum(residuals**2) / over * np.eye(len(places)) if over >= _FEWEST else None
+    known = None if spread is None else symmetric(solver @ spread @ solver.T)
+    common = found[:, 2] if temperature else np.zeros(len(found))
+    return FibreCurvature(found[:, :2], common, known, residuals)
+
+
+def _check_cores(design: Array, scales: Array) -> None:
+    cores, unknowns = design.shape
+    if cores < unknowns:
+        raise DefinitionError(f"core_positions has {cores} cores, but needs at least {unknowns} for as many unknowns")
+    sizes = np.linalg.svd(design / np.where(scales > 0.0, scales, 1.0), compute_uv=False)
+    if sizes[-1] <= _DEGENERATE * sizes[0]:
+        raise DefinitionError(
+            "core_positions: the cores are on a line, so they cannot tell u_x, u_y and the common strain apart"
+            if unknowns == 3
+            else "core_positions: the cores are on a line through the axis, so they cannot tell u_x and u_y apart"
+        )
+
+
+def _spread(sigma: Any, covariance: Any, cores: int) -> Array | None:
+    if sigma is not None and covariance is not None:
+        raise DefinitionError("sigma and covariance say the same thing: give one of them")
+    if sigma is not None:
+        return np.diag(deviations_of(sigma, cores, unit="") ** 2)
+    if covariance is None:
+        return None
+    matrix = array(covariance, "covariance", (cores, cores))
+    scale = np.abs(matrix).max()
+    if not (np.abs(matrix - matrix.T).max() <= 1e-9 * scale and np.linalg.eigvalsh(matrix)[0] > 0.0):
+        raise DefinitionError("covariance must be symmetric and positive definite")
+    return matrix

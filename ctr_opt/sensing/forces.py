@@ -1,0 +1,227 @@
+"""The force of a wire: its direction from points along it, its size from the mass that hangs on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.checks import Array, number
+from ..robot.loads import PointWrench
+from .noise import covariances_of, points_of, symmetric
+
+_STEPS = 50
+_CONVERGED = 1e-12
+_UNCERTAIN = 0.3  # rad: beyond, a covariance describes a direction no longer
+
+
+@attrs.frozen(eq=False)
+class WireDirection:
+    """The direction of a straight wire.
+
+    Attributes
+    ----------
+    direction
+        Unit vector ``(3,)`` from the first point to the last.
+    covariance
+        ``(3, 3)``, of rank two: along the direction itself nothing varies.
+    residuals
+        Distances ``(k,)``, m, of the points from the fitted line.
+    sigma
+        Standard deviation of a coordinate, m, if it was estimated from the residuals, else ``None``.
+    """
+
+    direction: Array
+    covariance: Array
+    residuals: Array
+    sigma: float | None
+
+    @property
+    def angle_deviation(self) -> float:
+        """Root mean square of the angle between the direction and the true one, rad."""
+        return float(np.sqrt(np.trace(self.covariance)))
+
+    def report(self) -> str:
+        """Text: the direction and how well it is known."""
+        noise = "as given" if self.sigma is None else f"{1e3 * self.sigma:.3f} mm in a coordinate, estimated"
+        return "\n".join(
+            (
+                f"Wire through {len(self.residuals)} points",
+                "  direction        (" + ", ".join(f"{value:.5f}" for value in self.direction) + ")",
+                f"  angle            known to {np.degrees(self.angle_deviation):.3f} deg (rms)",
+                f"  noise            {noise}",
+                f"  off the line by  {1e3 * self.residuals.max():.3f} mm at most",
+            )
+        )
+
+
+@attrs.frozen(eq=False)
+class WireForce:
+    """The force of a wire at which a mass hangs.
+
+    Attributes
+    ----------
+    force
+        ``(3,)`` N.
+    covariance
+        ``(3, 3)`` N^2.
+    wire
+        The wire's direction.
+    magnitude_deviation
+        Standard deviation of the force's size, N.
+    """
+
+    force: Array
+    covariance: Array
+    wire: WireDirection
+    magnitude_deviation: float
+
+    @property
+    def magnitude(self) -> float:
+        """Size of the force, N."""
+        return float(np.linalg.norm(self.force))
+
+    def load(self, tube: int = 0, *, arc_length: float | None = None) -> PointWrench:
+        """The force as a load of a tube, in the frame the points are given in; default at the tube's end."""
+        return PointWrench(force=self.force, tube=tube, arc_length=arc_length)
+
+    def report(self) -> str:
+        """Text: the force and how well it is known."""
+        pairs = zip(self.force, np.sqrt(np.diag(self.covariance)), strict=True)
+        return "\n".join(
+            (
+                f"Force of {self.magnitude:.4f} +- {self.magnitude_deviation:.4f} N by a wire",
+                "  force            " + ", ".join(f"{value:.4f} +- {error:.4f}" for value, error in pairs) + " N",
+                self.wire.report(),
+            )
+        )
+
+
+def wire_direction(points: Any, *, sigma: Any = None, covariances: Any = None) -> WireDirection:
+    """The direction of a straight wire from points along it, by total least squares.
+
+    Minimizes ``sum_i e_i^T C_i^-1 e_i`` over all lines, ``e_i`` from the point to its own most likely place on the
+    line: the principal axis of the points where their noise is isotropic, Gauss-Newton steps from there otherwise.
+
+    Parameters
+    ----------
+    points
+        ``(k, 3)`` m, ordered along the wire in the direction wanted; at least 2, or 3 to estimate the noise.
+    sigma
+        Standard deviation of a coordinate, m: one number or one for each point. ``None``: estimated from the
+        residuals, one number for all.
+    covariances
+        Instead, ``(k, 3, 3)`` m^2, as of a triangulation.
+
+    Raises
+    ------
+    DefinitionError
+        Wrong shapes, too few points, points that span no more than their noise.
+
+    Notes
+    -----
+    S. Van Huffel, J. Vandewalle, The Total Least Squares Problem, SIAM, 1991. A wire that sags or bends over the
+    tube's edge is not straight: mark it between.
+
+    Examples
+    --------
+    >>> wire = wire_direction([[0, 0, 0], [0.03, 0, 0.04], [0.06, 0, 0.08]], sigma=2e-4)
+    >>> wire.direction.round(9).tolist(), round(wire.angle_deviation, 6)
+    ([0.6, 0.0, 0.8], 0.004)
+    """
+    estimated = sigma is None and covariances is None
+    points = points_of(points, "points", least=3 if estimated else 2)
+    spreads = covariances_of(1.0 if estimated else sigma, covariances, len(points))
+    assert spreads is not None
+    direction, centre, matrix = _line(points, spreads)
+    offsets = points - centre
+    residuals = np.linalg.norm(offsets - np.outer(offsets @ direction, direction), axis=1)
+    covariance, deviation = matrix, None
+    if estimated:
+        deviation = float(np.sqrt(np.sum(residuals**2) / (2 * len(points) - 4)))
+        covariance = matrix * deviation**2
+    found = WireDirection(direction, covariance, residuals, deviation)
+    if found.angle_deviation > _UNCERTAIN:
+        raise DefinitionError(
+            f"points: they span little more than their noise, so the direction has a standard deviation of "
+            f"{found.angle_deviation:.2g} rad, allowed {_UNCERTAIN:g}"
+        )
+    return found
+
+
+def hanging_mass(
+    mass: float,
+    points: Any,
+    *,
+    gravity: float = 9.80665,
+    mass_sigma: float = 0.0,
+    tension_sigma: float = 0.0,
+    sigma: Any = None,
+    covariances: Any = None,
+) -> WireForce:
+    """The force ``F = m g d`` of a mass that hangs on a wire, led over a pulley, by points along the wire.
+
+    Its covariance is ``(m g)^2 C_d + d d^T (g^2 sigma_m^2 + sigma_T^2)``.
+
+    Parameters
+    ----------
+    mass
+        kg.
+    points, sigma, covariances
+        As for :func:`wire_direction`, ordered from the robot to the pulley: the wire pulls that way.
+    gravity
+        m/s^2; default the standard acceleration of free fall.
+    mass_sigma
+        Standard deviation of the mass, kg.
+    tension_sigma
+        Standard deviation of what the pulley's friction adds to the tension, N.
+
+    Raises
+    ------
+    DefinitionError
+        What :func:`wire_direction` refuses, a mass or an acceleration that is not above 0.
+
+    Examples
+    --------
+    >>> pull = hanging_mass(0.1, [[0, 0, 0], [0.03, 0, 0.04], [0.06, 0, 0.08]], gravity=9.81, sigma=2e-4)
+    >>> pull.load().force.round(6).tolist()
+    [0.5886, 0.0, 0.7848]
+    """
+    weight = number(mass, "mass", above=0.0, unit="kg") * number(gravity, "gravity", above=0.0, unit="m/s^2")
+    by_mass = gravity * number(mass_sigma, "mass_sigma", least=0.0, unit="kg")
+    deviation = float(np.hypot(by_mass, number(tension_sigma, "tension_sigma", least=0.0, unit="N")))
+    wire = wire_direction(points, sigma=sigma, covariances=covariances)
+    along = np.outer(wire.direction, wire.direction)
+    covariance = weight**2 * wire.covariance + deviation**2 * along
+    return WireForce(weight * wire.direction, symmetric(covariance), wire, deviation)
+
+
+def _line(points: Array, spreads: Array) -> tuple[Array, Array, Array]:
+    """Direction, a point of the line, and the direction's covariance ``(3, 3)``."""
+    centre = points.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(points - centre)
+    ends = points[-1] - points[0]
+    if sizes[0] == 0.0 or ends @ axes[0] == 0.0:
+        raise DefinitionError("points: the first and the last must be apart along the wire")
+    direction = axes[0] if ends @ axes[0] > 0.0 else -axes[0]
+    inverse = np.linalg.inv(spreads)
+    for _ in range(_STEPS):
+        across = np.linalg.svd(direction[None, :])[2][1:]
+        stiff = inverse @ direction
+        place = np.einsum("ki,ki->k", points - centre, stiff) / (stiff @ direction)
+        errors = (points - centre) @ across.T
+        weights = np.linalg.inv(across @ spreads @ across.T)
+        # Each point sees the line moved across by shift + place * tilt.
+        basis = np.stack((np.ones_like(place), place))
+        matrix = np.einsum("ak,bk,kij->aibj", basis, basis, weights).reshape(4, 4)
+        right = np.einsum("ak,kij,kj->ai", basis, weights, errors).reshape(4)
+        inverted = np.linalg.inv(matrix)
+        shift, tilt = (inverted @ right).reshape(2, 2) @ across
+        covariance = across.T @ inverted[2:, 2:] @ across
+        centre, turned = centre + shift, direction + tilt
+        direction = turned / np.linalg.norm(turned)
+        if np.linalg.norm(tilt) < _CONVERGED and np.linalg.norm(shift) < _CONVERGED * sizes[0]:
+            return direction, centre, symmetric(covariance)
+    raise DefinitionError("points: no straight line fits; they span no more than their noise")

@@ -1,0 +1,310 @@
+"""The precurvature of a tube from noisy points along it (paper, III-A and Fig. 5)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.checks import Array, array, choice, index, number
+from ..robot.precurvature import PrecurvaturePiece, SampledCurvature, Straight
+from .noise import covariances_of, points_of
+from .propagation import Curves, Noise, tangents
+from .smoothing import LEAST_FREEDOM, Data, Smoother, best, polynomials
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+METHODS = ("polynomial", "spline")
+_FEWEST = 6
+# Squares of noise that the product of two chords may be below zero, where dense points jitter; and the median of the
+# squared second differences of normal noise.
+_BACK, _SECOND_DIFFERENCES = 30.0, 6.0 * 2.366
+_PARALLEL = 1e-3  # rad: nearer to the curve, a normal does not say where x is
+_COLORS = ("#0072B2", "#D55E00")
+_NINETY_FIVE = 1.959964  # standard errors
+
+
+@attrs.frozen(eq=False)
+class PrecurvatureFit:
+    """The precurvature of a tube, and how well it is known.
+
+    Attributes
+    ----------
+    arc_length
+        ``(k,)`` m, from the first point.
+    curvature
+        ``(k, 3)`` 1/m: ``u*_x``, ``u*_y`` and 0, in Bishop's frame.
+    standard_errors
+        ``(k, 2)`` 1/m, of ``u*_x`` and ``u*_y`` at the same arc length.
+    curve
+        ``(k, 3)`` m: the smooth curve.
+    order
+        Of the polynomial; ``None`` for a spline.
+    smoothing
+        Weight of the spline's penalty, relative to the data; ``None`` for a polynomial.
+    degrees_of_freedom
+        Of each coordinate: trace of the hat matrix.
+    scores
+        Root mean square error of cross-validation, m, by the order or smoothing tried.
+    residuals
+        ``(points, 3)`` m: measured less smooth.
+    sigma
+        Standard deviation of a coordinate, m (root mean square over the points), as given or as estimated.
+    estimated
+        Whether ``sigma`` was estimated from the residuals.
+    straight
+        Length of the straight part before the first point, m.
+    """
+
+    arc_length: Array
+    curvature: Array
+    standard_errors: Array
+    curve: Array
+    order: int | None
+    smoothing: float | None
+    degrees_of_freedom: float
+    scores: dict[float, float]
+    residuals: Array
+    sigma: float
+    estimated: bool
+    straight: float
+
+    @property
+    def length(self) -> float:
+        """Arc length of the measured part, m."""
+        return float(self.arc_length[-1])
+
+    @property
+    def piece(self) -> SampledCurvature:
+        """The measured part, as a piece of a tube's precurvature."""
+        return SampledCurvature(self.arc_length, self.curvature)
+
+    @property
+    def pieces(self) -> tuple[PrecurvaturePiece, ...]:
+        """The whole precurvature of the tube: the straight part, if there is one, and the measured part."""
+        return (Straight(self.straight), self.piece) if self.straight else (self.piece,)
+
+    def report(self) -> str:
+        """Text: what was fitted, how well it fits, and how well curvatures are known."""
+        kind = f"polynomial of order {self.order}" if self.order else f"smoothing spline, penalty {self.smoothing:.3g}"
+        how = "estimated" if self.estimated else "given"
+        size, known = np.abs(self.curvature[:, :2]).max(axis=0), np.sqrt(np.mean(self.standard_errors**2, axis=0))
+        chosen = [key in (self.order, self.smoothing) for key in self.scores].index(True)
+        near = list(self.scores.items())[max(chosen - 2, 0) : chosen + 3]
+        scores = ", ".join(f"{key:.3g}: {1e3 * value:.4f}" for key, value in near)
+        return "\n".join(
+            (
+                f"Precurvature of {len(self.residuals)} points on {1e3 * self.length:.2f} mm",
+                f"  curve                     {kind}, {self.degrees_of_freedom:.1f} degrees of freedom",
+                f"  noise of a coordinate     {1e3 * self.sigma:.4f} mm, {how}",
+                f"  residuals                 rms {1e3 * np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))):.4f} mm",
+                f"  largest |u*_x|, |u*_y|    {size[0]:.3f}, {size[1]:.3f} 1/m",
+                f"  standard errors (rms)     {known[0]:.3f}, {known[1]:.3f} 1/m",
+                f"  cross-validation, mm      {scores}",
+            )
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw ``u*_x`` and ``u*_y`` by arc length with bands of 95 percent, as in the paper's Fig. 5.
+
+        Parameters
+        ----------
+        ax
+            Axes to draw on; a new figure by default. Arc length is in mm from the tube's base.
+        """
+        axes = _new_axes() if ax is None else ax
+        s = 1e3 * (self.straight + self.arc_length)
+        for c, (color, label) in enumerate(zip(_COLORS, ("$u^*_x$", "$u^*_y$"), strict=True)):
+            u, band = self.curvature[:, c], _NINETY_FIVE * self.standard_errors[:, c]
+            axes.fill_between(s, u - band, u + band, color=color, alpha=0.2, lw=0.0)
+            axes.plot(s, u, color=color, lw=1.6, ls=("-", "--")[c], label=label)
+        axes.axhline(0.0, color="0.8", lw=0.8, zorder=0)
+        axes.set(xlabel="arc length from the tube's base [mm]", ylabel="precurvature [1/m]")
+        axes.margins(x=0.01)
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+        return axes
+
+
+def identify_precurvature(
+    points: Any,
+    *,
+    sigma: Any = None,
+    covariances: Any = None,
+    method: str = "polynomial",
+    order: int | None = None,
+    smoothing: float | None = None,
+    straight: float = 0.0,
+    tangent: Any = None,
+    normal: Any = (1.0, 0.0, 0.0),
+    samples: int = 101,
+) -> PrecurvatureFit:
+    """Precurvature of a tube from points measured along it, with standard errors.
+
+    A smooth curve is fitted by weighted least squares, first as a function of the chord length, then of its own arc
+    length: a polynomial, as in the paper, or a spline of degree five with a penalty on the fourth derivative. Order or
+    penalty are the simplest whose error of leave-one-out cross-validation is the least, to within about its standard
+    error. The curvature of the curve in Bishop's frame is ``u* = (u*_x, u*_y, 0)``.
+
+    Parameters
+    ----------
+    points
+        ``(k, 3)`` m, ordered from base to tip along the curved part, at least 6.
+    sigma
+        Standard deviation of a coordinate, m: one number or one for each point. ``None``: estimated from the
+        residuals, one number for all.
+    covariances
+        Instead, ``(k, 3, 3)`` m^2, as of a triangulation.
+    method
+        ``"polynomial"`` or ``"spline"``.
+    order
+        Of the polynomial, at least 2; by cross-validation if ``None``.
+    smoothing
+        Weight of the spline's penalty, above 0; by cross-validation if ``None``.
+    straight
+        Length of a straight part before the first point, m, which is not fitted.
+    tangent
+        Direction of the curve at its base ``(3,)``, if it is known: that of the straight part, as
+        :func:`wire_direction` finds it. Otherwise the tube's tip is no better known than the fitted direction there.
+    normal
+        Direction of x at the base, as far as it is normal to the curve.
+    samples
+        Points of the returned curvature, at least 5.
+
+    Raises
+    ------
+    DefinitionError
+        Wrong shapes, too few points, points that coincide or turn back, a normal along the curve.
+
+    Notes
+    -----
+    The standard errors are linearized: noise is carried to the coefficients and, by differences, to the curvature at
+    a given arc length. Noise along the curve does not count, as a point that slides along it is on it still. Bias is
+    counted on average over the curve: for splines that of the penalty (G. Wahba, J. R. Stat. Soc. B 45, 1983), for
+    polynomials of a chosen order as if the next order had none (its variance, and the squared difference from it). An
+    order that is given is taken at its word.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 1.0, 30)
+    >>> arc = 0.1 * np.column_stack((1.0 - np.cos(t), 0.0 * t, np.sin(t)))
+    >>> noise = 1e-4 * np.random.default_rng(0).normal(size=(30, 3))
+    >>> fit = identify_precurvature(arc + noise)
+    >>> worst = np.abs(fit.curvature[:, :2] - [0.0, 10.0]) / fit.standard_errors
+    >>> fit.order, bool(worst.max() < 3.0)
+    (3, True)
+    """
+    measured = points_of(points, "points", least=_FEWEST)
+    choice(method, "method", METHODS)
+    if index(samples, "samples") < 5:
+        raise DefinitionError(f"samples = {samples!r} must be at least 5")
+    lead = number(straight, "straight", least=0.0, unit="m")
+    spreads = covariances_of(sigma, covariances, len(measured))
+    weights = np.ones(len(measured)) if spreads is None else 3.0 / np.trace(spreads, axis1=1, axis2=2)
+    given = _given(method, order, smoothing)
+    # Chords between noisy points jitter, which would bend the smooth curve's parameter: they are for a start.
+    _, start, _ = best(method, Data(measured, _chord_lengths(measured), weights), given)
+    parameters, length = start.arc_lengths(measured)
+    data = Data(measured, parameters, weights, None if tangent is None else length * _direction(tangent))
+    chosen, smoother, scores = best(method, data, given)
+    residuals = smoother.residuals(measured)
+    estimated, unit = spreads is None, 1.0
+    if spreads is None:
+        # Each point has noise in the two directions across the curve; the fit takes its leverage's part of it.
+        if smoother.freedom < LEAST_FREEDOM:
+            raise DefinitionError(
+                f"smoothing = {chosen:g} is so small that the curve goes through all points: give sigma"
+            )
+        unit = float(np.sum(residuals**2)) / (2.0 * smoother.freedom)
+        spreads = np.broadcast_to(unit * np.eye(3), (len(measured), 3, 3))
+    noise = Noise(measured, spreads, unit)
+    curves = Curves(smoother, samples, _orientation(smoother, smoother.coefficients(measured), normal))
+    s, curvature, errors = curves.known(noise)
+    if method == "polynomial" and order is None and chosen + 1 <= len(measured) - 2:
+        higher = Smoother.of(polynomials(int(chosen) + 1), data)
+        errors = _with_bias(s, curvature, attrs.evolve(curves, smoother=higher).known(noise))
+    return PrecurvatureFit(
+        s,
+        np.column_stack((curvature, np.zeros(len(s)))),
+        errors,
+        curves.position(measured),
+        int(chosen) if method == "polynomial" else None,
+        chosen if method == "spline" else None,
+        float(smoother.leverages.sum()),
+        scores,
+        residuals,
+        float(np.sqrt(np.mean(np.trace(spreads, axis1=1, axis2=2)) / 3.0)),
+        estimated,
+        lead,
+    )
+
+
+def _new_axes() -> Axes:
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(layout="constrained")[1]
+
+
+def _given(method: str, order: int | None, smoothing: float | None) -> float | None:
+    if method == "polynomial":
+        if smoothing is not None:
+            raise DefinitionError("smoothing belongs to method = 'spline': a polynomial has an order")
+        return None if order is None else float(_order(order))
+    if order is not None:
+        raise DefinitionError("order belongs to method = 'polynomial': a spline has a smoothing")
+    return None if smoothing is None else number(smoothing, "smoothing", above=0.0)
+
+
+def _order(value: Any) -> int:
+    if isinstance(value, bool) or number(value, "order", least=2.0) != int(value):
+        raise DefinitionError(f"order = {value!r} must be a whole number, at least 2")
+    return int(value)
+
+
+def _chord_lengths(points: Array) -> Array:
+    """Chord length, from 0 to 1."""
+    chords = np.diff(points, axis=0)
+    sizes = np.linalg.norm(chords, axis=1)
+    if sizes.min() == 0.0:
+        k = int(np.argmin(sizes))
+        raise DefinitionError(
+            f"points[{k}] and points[{k + 1}] are the same point {points[k].tolist()} but must differ"
+        )
+    ahead = np.einsum("ki,ki->k", chords[1:], chords[:-1])
+    noise = np.median(np.sum(np.diff(chords, axis=0) ** 2, axis=1)) / _SECOND_DIFFERENCES
+    if ahead.min() <= -_BACK * noise:
+        k = int(np.argmin(ahead)) + 1
+        raise DefinitionError(f"points[{k}]: the points turn back there; they must be ordered from base to tip")
+    reached = np.concatenate(([0.0], np.cumsum(sizes)))
+    return np.asarray(reached / reached[-1])
+
+
+def _with_bias(s: Array, curvature: Array, higher: tuple[Array, Array, Array]) -> Array:
+    """Standard errors of a polynomial's curvature, by the next higher order's and the difference from it."""
+    from scipy.interpolate import CubicSpline
+
+    # The two lengths differ by less than a step, and at the tip a curve is followed a little beyond its end.
+    difference = CubicSpline(higher[0], higher[1])(s) - curvature
+    return np.hypot(higher[2], difference)
+
+
+def _direction(tangent: Any) -> Array:
+    given = array(tangent, "tangent", (3,))
+    size = float(np.linalg.norm(given))
+    if size == 0.0:
+        raise DefinitionError("tangent = [0.0, 0.0, 0.0] must be a direction")
+    return given / size
+
+
+def _orientation(smoother: Smoother, coefficients: Array, normal: Any) -> Array:
+    given = array(normal, "normal", (3,))
+    size = float(np.linalg.norm(given))
+    tangent = tangents(smoother, coefficients, np.zeros(1))[0]
+    if size == 0.0 or np.linalg.norm(np.cross(given, tangent)) <= _PARALLEL * size:
+        raise DefinitionError(
+            f"normal = {given.tolist()} must point away from the tangent at the base, {tangent.round(4).tolist()}"
+        )
+    return given / size

@@ -1,0 +1,246 @@
+"""Rigid registration of corresponding points: from the frame they were measured in to the one they are known in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.checks import Array, array
+from .noise import covariances_of, deviations_of, millimetres, points_of, symmetric
+
+_STEPS = 50
+_CONVERGED = 1e-12  # rad, and of the size of the cloud
+_LINE = 1e-6  # of the cloud's length: as wide it must be
+_UNCERTAIN = 0.3  # rad: beyond, a covariance describes a rotation no longer
+
+
+@attrs.frozen(eq=False)
+class RegistrationErrors:
+    """What remains between registered and reference points.
+
+    Attributes
+    ----------
+    vectors
+        ``(k, 3)`` m, registered less reference, in the reference's axes.
+    """
+
+    vectors: Array
+
+    @property
+    def distances(self) -> Array:
+        """Euclidean errors ``(k,)``, m."""
+        return np.asarray(np.linalg.norm(self.vectors, axis=1))
+
+    @property
+    def mean(self) -> float:
+        """Mean Euclidean error, m."""
+        return float(self.distances.mean())
+
+    @property
+    def maximum(self) -> float:
+        """Largest Euclidean error, m."""
+        return float(self.distances.max())
+
+    @property
+    def minimum(self) -> float:
+        """Smallest Euclidean error, m."""
+        return float(self.distances.min())
+
+    @property
+    def standard_deviation(self) -> float:
+        """Of the Euclidean errors, m, with the divisor ``k - 1``."""
+        return float(self.distances.std(ddof=1))
+
+    @property
+    def mean_by_axis(self) -> Array:
+        """Mean absolute errors along x, y and z, ``(3,)`` m."""
+        return np.asarray(np.abs(self.vectors).mean(axis=0))
+
+
+@attrs.frozen(eq=False)
+class Registration:
+    """A rigid motion that maps measured points to reference points.
+
+    Attributes
+    ----------
+    pose
+        ``(4, 4)``, m: ``reference = R measured + t``.
+    covariance
+        ``(6, 6)`` of the errors ``(dt, w)`` of translation, m, and rotation, rad, in the reference's axes,
+        ``R_true = exp(hat(w)) R``.
+    errors
+        What remains.
+    sigma
+        Standard deviation of a coordinate of a point (of unit weight), m, if it was estimated from the errors, else
+        ``None``.
+    """
+
+    pose: Array
+    covariance: Array
+    errors: RegistrationErrors
+    sigma: float | None
+
+    @property
+    def standard_deviations(self) -> Array:
+        """Of translation, m, and rotation, rad, ``(6,)``."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def apply(self, points: Any) -> Array:
+        """Points ``(k, 3)``, m, of the measured frame in the reference's."""
+        return points_of(points, "points", least=0) @ self.pose[:3, :3].T + self.pose[:3, 3]
+
+    def report(self) -> str:
+        """Text: the errors as the paper prints them, and how well the motion is known."""
+        errors, deviations = self.errors, self.standard_deviations
+        values = (errors.mean, errors.maximum, errors.minimum, errors.standard_deviation)
+        noise = "as given" if self.sigma is None else f"{1e3 * self.sigma:.3f} mm in a coordinate, estimated"
+        turn = ", ".join(f"{np.degrees(value):.3f}" for value in deviations[3:])
+        return "\n".join(
+            (
+                f"Registration of {len(errors.vectors)} points",
+                "  errors: mean, max, min, std       " + ", ".join(f"{1e3 * value:.3f}" for value in values) + " mm",
+                f"  mean errors along x, y, z         {millimetres(errors.mean_by_axis)}",
+                f"  noise                             {noise}",
+                f"  translation                       {millimetres(self.pose[:3, 3])}",
+                f"    standard deviations             {millimetres(deviations[:3])}",
+                f"    standard deviations of rotation ({turn}) deg",
+            )
+        )
+
+
+def register(
+    measured: Any, reference: Any, *, sigma: Any = None, covariances: Any = None, weights: Any = None
+) -> Registration:
+    """The rigid motion that brings measured points nearest to reference points.
+
+    Minimizes ``sum_i e_i^T (R C_i R^T)^-1 e_i`` with ``e_i = R m_i + t - r_i``, which is most likely for measured
+    points with independent normal errors of covariance ``C_i`` and exact reference points: by the singular value
+    decomposition of Kabsch, and where the ``C_i`` are not all isotropic by Gauss-Newton steps from there.
+
+    Parameters
+    ----------
+    measured, reference
+        ``(k, 3)`` m, row by row the same points, at least 3 that are not on a line.
+    sigma
+        Standard deviation of a coordinate, m: one number or one for each point.
+    covariances
+        Instead, covariances of the measured points ``(k, 3, 3)``, m^2, as of a triangulation.
+    weights
+        Instead, ``(k,)``: relative weights, 1 / variance; the noise is estimated from the errors. With none of the
+        three, all weigh alike.
+
+    Raises
+    ------
+    DefinitionError
+        Wrong shapes, too few points, points on a line (to within their noise), two of the three given.
+
+    Notes
+    -----
+    W. Kabsch, Acta Cryst. A32, 1976; K. Arun, T. Huang, S. Blostein, IEEE PAMI 9, 1987. The covariance is the inverse
+    of the normal matrix ``sum_i J_i^T (R C_i R^T)^-1 J_i``, ``J_i = [1, -hat(r_i - t)]``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0.0]])
+    >>> turned = grid[:, [1, 2, 0]] + [0.5, 0.0, 0.0]
+    >>> found = register(turned, grid, sigma=1e-4)
+    >>> found.pose.round(9).tolist()[0], round(found.errors.maximum, 9)
+    ([0.0, 0.0, 1.0, 0.0], 0.0)
+    """
+    measured, reference = points_of(measured, "measured", least=3), points_of(reference, "reference", least=3)
+    if len(measured) != len(reference):
+        raise DefinitionError(f"measured has {len(measured)} points, but reference has {len(reference)}")
+    if weights is not None and (sigma is not None or covariances is not None):
+        raise DefinitionError("weights say relatively what sigma and covariances say absolutely: give one of the three")
+    for points, field in ((measured, "measured"), (reference, "reference")):
+        _check_spread(points, field)
+    spreads = covariances_of(sigma, covariances, len(measured))
+    relative = spreads is None
+    if spreads is None:
+        spreads = covariances_of(_from_weights(weights, len(measured)), None, len(measured))
+        assert spreads is not None
+    rotation, translation = _kabsch(measured, reference, 3.0 / np.trace(spreads, axis1=1, axis2=2))
+    if covariances is not None:
+        rotation, translation = _refined(measured, reference, spreads, rotation, translation)
+    vectors = measured @ rotation.T + translation - reference
+    inverse = rotation @ np.linalg.inv(spreads) @ rotation.T
+    covariance = symmetric(np.linalg.inv(_normal(reference - translation, inverse)[0]))
+    deviation = None
+    if relative:
+        degrees = 3 * len(measured) - 6
+        deviation = float(np.sqrt(np.einsum("ki,kij,kj", vectors, inverse, vectors) / degrees))
+        covariance = covariance * deviation**2
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, translation
+    _check_certainty(covariance)
+    return Registration(pose, covariance, RegistrationErrors(vectors), deviation)
+
+
+def _from_weights(weights: Any, size: int) -> Array:
+    return (
+        np.ones(size)
+        if weights is None
+        else deviations_of(array(weights, "weights", (size,)), size, "weights", "") ** -0.5
+    )
+
+
+def _check_spread(points: Array, field: str) -> None:
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if sizes[1] <= _LINE * sizes[0]:
+        raise DefinitionError(
+            f"{field}: the points are on a line, or one point, so a rotation about it is not determined"
+        )
+
+
+def _check_certainty(covariance: Array) -> None:
+    deviation = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
+    if deviation > _UNCERTAIN:
+        raise DefinitionError(
+            f"measured: the points are on a line to within their noise; a rotation has a standard deviation of "
+            f"{deviation:.2g} rad, allowed {_UNCERTAIN:g}"
+        )
+
+
+def _kabsch(measured: Array, reference: Array, weights: Array) -> tuple[Array, Array]:
+    from scipy.spatial.transform import Rotation
+
+    shares = weights / weights.sum()
+    a, b = shares @ measured, shares @ reference
+    turn, _ = Rotation.align_vectors(reference - b, measured - a, weights=shares)
+    rotation = turn.as_matrix()
+    return rotation, b - rotation @ a
+
+
+def _normal(arms: Array, inverse: Array) -> tuple[Array, Array]:
+    """Normal matrix ``(6, 6)`` and ``J^T W`` of each point ``(k, 6, 3)``, with ``J = [1, -hat(arm)]``."""
+    x, y, z = arms.T
+    zero = np.zeros(len(arms))
+    minus_hat = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
+    jacobian = np.concatenate((np.broadcast_to(np.eye(3), minus_hat.shape), minus_hat), axis=2)
+    weighted = np.swapaxes(jacobian, 1, 2) @ inverse
+    return (weighted @ jacobian).sum(axis=0), weighted
+
+
+def _refined(
+    measured: Array, reference: Array, spreads: Array, rotation: Array, translation: Array
+) -> tuple[Array, Array]:
+    from scipy.spatial.transform import Rotation
+
+    size = np.linalg.norm(reference - reference.mean(axis=0), axis=1).max()
+    inner = np.linalg.inv(spreads)
+    for _ in range(_STEPS):
+        errors = measured @ rotation.T + translation - reference
+        # The errors seen in the measured frame have constant covariances; J is their derivative, turned back.
+        matrix, weighted = _normal(reference - translation, rotation @ inner @ rotation.T)
+        step = -np.linalg.solve(matrix, np.einsum("kij,kj->i", weighted, errors))
+        translation = translation + step[:3]
+        rotation = Rotation.from_rotvec(step[3:]).as_matrix() @ rotation
+        if np.linalg.norm(step[:3]) < _CONVERGED * size and np.linalg.norm(step[3:]) < _CONVERGED:
+            return rotation, translation
+    raise DefinitionError(
+        "measured: no motion fits; the points do not correspond to those of reference, or covariances do not"
+    )

@@ -1,0 +1,205 @@
+"""Linear smoothers of points along a curve: polynomials and penalized splines, chosen by cross-validation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.checks import Array
+
+DEGREE = 5  # of splines: their curvature is smooth
+_ROUGH = 4  # the derivative that is penalized: the third would hold the slope of the curvature down at the ends
+_INTERVALS = 16  # of a spline, at most: the penalty smooths, not the knots
+_LARGEST_ORDER = 12  # of polynomials tried
+_PENALTIES = 10.0 ** np.arange(6.0, -6.01, -0.5)  # tried, relative to the data
+_NEWTON_STEPS = 4
+_FINE = 401
+_BEYOND = 0.01  # the ends, as far as splines are followed
+# Standard errors by which an error may be above the least: measured, so that bands of 95 percent hold the truth in 95.
+_ALLOWANCES = {"polynomial": 1.0, "spline": 0.5}
+LEAST_FREEDOM = 0.25  # of the residuals of a coordinate, to estimate noise from
+_LEVERAGE = 1.0 - 1e-6  # a point that alone decides its own fit cannot be left out
+
+
+@attrs.frozen(eq=False)
+class Basis:
+    """Functions of a parameter in ``[0, 1]``, and the penalty of their roughness.
+
+    ``functions(t, n)`` are their n-th derivatives ``(len(t), m)``.
+    """
+
+    functions: Any
+    penalty: Array
+
+    @property
+    def size(self) -> int:
+        """Number of functions."""
+        return len(self.penalty)
+
+    def clamped(self) -> Basis:
+        """All combinations of the functions that have no slope at 0."""
+        slopes = self.functions(np.zeros(1), 1)
+        kept = np.linalg.svd(slopes)[2][1:].T
+        return Basis(lambda t, n=0: self.functions(t, n) @ kept, kept.T @ self.penalty @ kept)
+
+
+def polynomials(order: int) -> Basis:
+    """Legendre polynomials up to an order, orthogonal on ``[0, 1]``."""
+    from numpy.polynomial import Legendre
+
+    members = [Legendre.basis(k, domain=[0.0, 1.0]) for k in range(order + 1)]
+
+    def functions(t: Array, derivative: int = 0) -> Array:
+        return np.column_stack([(p.deriv(derivative) if derivative else p)(t) + 0.0 * t for p in members])
+
+    return Basis(functions, np.zeros((order + 1, order + 1)))
+
+
+def splines(points: int) -> Basis:
+    """B-splines on uniform knots; the penalty is the integral of the squared fourth derivative."""
+    from scipy.interpolate import BSpline
+
+    intervals = int(np.clip(points // 2, 2, _INTERVALS))
+    breaks = np.linspace(0.0, 1.0, intervals + 1)
+    knots = np.concatenate((np.zeros(DEGREE), breaks, np.ones(DEGREE)))
+    spline = BSpline(knots, np.eye(intervals + DEGREE), DEGREE)
+
+    def functions(t: Array, derivative: int = 0) -> Array:
+        return np.asarray(spline(t, nu=derivative))
+
+    nodes, weights = np.polynomial.legendre.leggauss(DEGREE - _ROUGH + 1)
+    inner = breaks[:-1, None] + (nodes + 1.0) / (2 * intervals)
+    rough = functions(inner.ravel(), _ROUGH)
+    return Basis(functions, rough.T @ (np.tile(weights, intervals)[:, None] * rough) / (2 * intervals))
+
+
+@attrs.frozen(eq=False)
+class Data:
+    """Points ``(k, 3)``, m, at parameters in ``[0, 1]``, with relative weights ``(k,)``.
+
+    ``slope`` is the derivative of the curve by the parameter at its base, ``(3,)`` m, if it is known.
+    """
+
+    points: Array
+    parameters: Array
+    weights: Array
+    slope: Array | None = None
+
+
+@attrs.frozen(eq=False)
+class Smoother:
+    """A linear smoother at given parameters: coefficients are ``solver @ (points - parameters * slope)``.
+
+    Attributes
+    ----------
+    slope
+        ``(3,)`` m: the curve is that of the coefficients and ``t slope``; zero if the slope at the base is free.
+    solver
+        ``(m, k)``.
+    shrinkage
+        ``(m, m)``: what the penalty leaves unknown of the coefficients, per variance of unit weight; zero without one.
+    leverages
+        ``(k,)``, the diagonal of the hat matrix.
+    """
+
+    basis: Basis
+    slope: Array
+    parameters: Array
+    solver: Array
+    shrinkage: Array
+    leverages: Array
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of each coordinate's residuals."""
+        return float(np.sum(1.0 - self.leverages))
+
+    @classmethod
+    def of(cls, basis: Basis, data: Data, factor: float = 0.0) -> Smoother:
+        """Weighted least squares with ``factor`` times the penalty (relative to the data)."""
+        parameters, weights, slope = data.parameters, data.weights, np.zeros(3)
+        if data.slope is not None:
+            basis, slope = basis.clamped(), data.slope
+        values = basis.functions(parameters)
+        normal = values.T @ (weights[:, None] * values)
+        scale = np.trace(normal) / np.trace(basis.penalty) if factor else 0.0
+        inverse = np.linalg.inv(normal + factor * scale * basis.penalty)
+        solver = inverse @ (values.T * weights)
+        # The posterior of Wahba and Nychka less the spread by noise: on average over the curve, the square of the bias.
+        shrinkage = inverse - inverse @ normal @ inverse if factor else np.zeros_like(inverse)
+        return cls(basis, slope, parameters, solver, shrinkage, np.einsum("km,mk->k", values, solver))
+
+    def coefficients(self, points: Array) -> Array:
+        """Coefficients ``(m, 3)`` of the smooth curve of points ``(k, 3)``."""
+        return np.asarray(self.solver @ (points - self.parameters[:, None] * self.slope))
+
+    def curve(self, coefficients: Array, t: Array, derivative: int = 0) -> Array:
+        """The curve ``(..., len(t), 3)`` of coefficients ``(..., m, 3)``, or a derivative by ``t``."""
+        by_slope = (t[:, None] if derivative == 0 else float(derivative == 1)) * self.slope
+        return np.asarray(self.basis.functions(t, derivative) @ coefficients + by_slope)
+
+    def arc_lengths(self, points: Array) -> tuple[Array, float]:
+        """Normalized arc lengths ``(k,)`` of the smooth curve where it is nearest to the points, and its length, m."""
+        from scipy.interpolate import CubicSpline
+
+        coefficients, t = self.coefficients(points), self.parameters
+        for _ in range(_NEWTON_STEPS):
+            shape, slope, bend = (self.curve(coefficients, t, n) for n in range(3))
+            offset, square = shape - points, np.sum(slope**2, axis=1)
+            # Half of the square at least: far from the curve Newton's step would lead away from the nearest place.
+            curvature = np.maximum(square + np.sum(offset * bend, axis=1), 0.5 * square)
+            t = np.clip(t - np.sum(offset * slope, axis=1) / curvature, -_BEYOND, 1.0 + _BEYOND)
+        fine = np.linspace(-_BEYOND, 1.0 + _BEYOND, _FINE)
+        speed = np.linalg.norm(self.curve(coefficients, fine, 1), axis=1)
+        reached = CubicSpline(fine, speed).antiderivative()(t)
+        length = float(reached[-1] - reached[0])
+        return np.asarray((reached - reached[0]) / length), length
+
+    def residuals(self, points: Array) -> Array:
+        """Points less their smooth values, ``(k, 3)``."""
+        return points - self.curve(self.coefficients(points), self.parameters)
+
+    def left_out(self, points: Array, weights: Array) -> Array:
+        """Weighted squared distances ``(k,)``, m^2, of points from the curve through the others; or infinite."""
+        if self.leverages.max() > _LEVERAGE or self.freedom < LEAST_FREEDOM:
+            return np.full(len(points), np.inf)
+        distances = np.sum(self.residuals(points) ** 2, axis=1) / (1.0 - self.leverages) ** 2
+        return np.asarray(distances * weights / weights.mean())
+
+
+def candidates(method: str, points: int, given: float | None) -> list[tuple[float, Basis, float]]:
+    """``(key, basis, factor)`` to try, the simplest first; keys are orders, or penalties of splines."""
+    if method == "spline":
+        basis = splines(points)
+        return [(float(key), basis, float(key)) for key in (_PENALTIES if given is None else (given,))]
+    most = points - 2
+    if given is not None and given > most:
+        raise DefinitionError(f"order = {given:g} must be at most {most}, with {points} points")
+    orders = range(2, min(_LARGEST_ORDER, most) + 1) if given is None else (int(given),)
+    return [(order, polynomials(order), 0.0) for order in orders]
+
+
+def best(method: str, data: Data, given: float | None) -> tuple[float, Smoother, dict[float, float]]:
+    """The chosen key, its smoother, and the root mean square error of cross-validation, m, by key.
+
+    Chosen is the simplest smoother whose error is above the least by no more than one standard error of the difference
+    (half of one for splines; L. Breiman et al., Classification and Regression Trees, 1984, 3.4.3): the least itself now
+    and then has far too many degrees of freedom, and curvatures suffer from them more than positions.
+    """
+    tried = {
+        key: Smoother.of(basis, data, factor) for key, basis, factor in candidates(method, len(data.points), given)
+    }
+    errors = {key: smoother.left_out(data.points, data.weights) for key, smoother in tried.items()}
+    least = min(errors.values(), key=np.sum)
+    chosen = next(key for key, value in errors.items() if _as_good(value, least, _ALLOWANCES[method]))
+    return chosen, tried[chosen], {key: float(np.sqrt(value.mean())) for key, value in errors.items()}
+
+
+def _as_good(errors: Array, least: Array, allowance: float) -> bool:
+    if errors is least:
+        return True
+    worse = errors - least
+    return bool(np.all(np.isfinite(worse)) and worse.mean() <= allowance * worse.std(ddof=1) / np.sqrt(len(worse)))
