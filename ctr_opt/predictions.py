@@ -141,7 +141,7 @@ class Predictions:
         Loads and probes stay, so that tubes' weights must be as they were.
         """
         other = copy(self)
-        other.robot, other._table, other.actuations = robot, RobotTable(robot), actuations
+        other.robot, other._table, other._actuations = robot, RobotTable(robot), actuations
         return other
 
     def _directions(self, names: Sequence[str], experiments: Sequence[Experiment], probes: int) -> list[Directions]:
