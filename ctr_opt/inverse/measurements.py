@@ -86,6 +86,14 @@ def _places(value: Any) -> tuple[Place, ...]:
     return tuple(_length(item) for item in array(value, "arc_length", (None,), unit="m"))
 
 
+def _place(value: Any) -> tuple[Place, ...]:
+    """One place."""
+    found = _places(value)
+    if len(found) != 1:
+        raise DefinitionError(f"arc_length = {value!r} must be one place: give a measurement for each")
+    return found
+
+
 def _length(value: Any) -> float:
     return number(value, "arc_length", least=0.0, unit="m")
 
@@ -216,7 +224,7 @@ class PoseMeasurement(_Measured):
     (1, 6)
     """
 
-    arc_length: tuple[Place, ...] = attrs.field(converter=_places)
+    arc_length: tuple[Place, ...] = attrs.field(converter=_place)
     pose: Array = attrs.field(converter=lambda value: array(value, "pose", (4, 4)))
     sigma: Any = None
     tube: int | None = None
@@ -278,7 +286,7 @@ class TangentMeasurement(_Measured):
     [0.0, 0.0, 1.0]
     """
 
-    arc_length: tuple[Place, ...] = attrs.field(converter=_places)
+    arc_length: tuple[Place, ...] = attrs.field(converter=_place)
     direction: Array = attrs.field(converter=lambda value: array(value, "direction", (3,)))
     sigma: float | None = None
 
