@@ -318,9 +318,11 @@ class TangentMeasurement(_Measured):
         across, along = self._across @ tangent, float(self.direction @ tangent)
         sine = float(np.linalg.norm(across))
         moved = np.cross(slopes[3:].T, tangent).T
-        if sine < 1e-6:  # the angle is the sine, up to its third power
+        if sine < 1e-6 and along > 0.0:  # the angle is the sine, up to its third power
             return across[None], (self._across @ moved)[None]
         angle = np.arctan2(sine, along)
+        if sine < 1e-6:  # the opposite direction, half a turn about any axis
+            across, sine = np.array([1e-6, 0.0]), 1e-6
         unit = across / sine
         of_sine = unit @ self._across @ moved
         of_angle = along * of_sine - sine * (self.direction @ moved)
