@@ -230,6 +230,10 @@ class PoseMeasurement(_Measured):
     tube: int | None = None
 
     def __attrs_post_init__(self) -> None:
+        if self.tube is not None:
+            object.__setattr__(self, "tube", index(self.tube, "tube"))
+        if np.abs(self.pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+            raise DefinitionError(f"pose: the last row {self.pose[3].tolist()} must be [0, 0, 0, 1]")
         frame = self.pose[:3, :3]
         if np.abs(frame.T @ frame - np.eye(3)).max() > 1e-6 or np.linalg.det(frame) < 0.0:
             raise DefinitionError("pose: the upper left 3 x 3 block is no rotation (allowed: 1e-6)")
