@@ -83,6 +83,8 @@ def _places(value: Any) -> tuple[Place, ...]:
         return tuple(item if item is None or isinstance(item, Distal) else _length(item) for item in value)
     if np.ndim(value) == 0:
         return (_length(value),)
+    if len(value) == 0:
+        raise DefinitionError("arc_length = [] must hold at least one place")
     return tuple(_length(item) for item in array(value, "arc_length", (None,), unit="m"))
 
 
