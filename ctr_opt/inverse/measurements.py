@@ -120,7 +120,9 @@ def whitening(sigma: Any, blocks: int, size: int, field: str = "sigma") -> Array
             f"shape ({size}, {size}) or ({blocks}, {size}, {size})"
         )
     try:
-        if np.abs(given - np.swapaxes(given, -1, -2)).max() > 1e-6 * np.abs(given).max():
+        deviations = np.sqrt(np.abs(np.diagonal(given, axis1=-2, axis2=-1)))
+        allowed = 1e-6 * deviations[..., :, None] * deviations[..., None, :]
+        if np.any(np.abs(given - np.swapaxes(given, -1, -2)) > allowed):
             raise np.linalg.LinAlgError
         factor = np.linalg.cholesky(given)
     except np.linalg.LinAlgError:
