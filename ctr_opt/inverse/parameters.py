@@ -357,6 +357,6 @@ def _default_bounds(name: str, initial: Array, factor: bool) -> tuple[Array, Arr
 def _labels(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     if not shape:
         return (name,)
-    if shape == (3,):
+    if shape == (3,) and not name.endswith(("rotations", "translations")):
         return tuple(f"{name}.{axis}" for axis in _AXES)
     return tuple(f"{name}[{', '.join(map(str, where))}]" for where in np.ndindex(shape))
