@@ -334,6 +334,8 @@ def _unknown(
                 f"{given.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive"
             )
     size = np.broadcast_to(np.asarray(scale if given.scale is None else of_shape(given.scale, "scale")), flat.shape)
+    if not (size > 0.0).all():
+        raise DefinitionError(f"{given.name}: scale = {size.tolist()} must be positive")
     return Unknown(
         given.name, shape, initial, np.array(size), lower, upper, mean, sigma, _labels(given.name, shape), acts_on,
         experiment, factors,
