@@ -343,9 +343,14 @@ def _unknown(
 
 
 def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
-    if value is None or (np.ndim(value) == 0 and np.isinf(value)):
-        return sign * np.abs(of_shape(0.0, "bounds") + np.inf)
-    return np.asarray(of_shape(value, "bounds"))
+    """A bound; where it is None or infinite, there is none."""
+    infinite = sign * np.inf
+    if np.ndim(value) == 0:
+        none = value is None or value == infinite
+        return np.full_like(of_shape(0.0, "bounds"), infinite) if none else of_shape(value, "bounds")
+    free = np.array([each is None or each == infinite for each in np.asarray(value, dtype=object).ravel()])
+    free = free.reshape(np.shape(value))
+    return np.where(free.ravel(), infinite, of_shape(np.where(free, 0.0, np.asarray(value, dtype=object)).tolist(), "bounds"))
 
 
 def _default_bounds(name: str, initial: Array, factor: bool) -> tuple[Array, Array]:
