@@ -68,7 +68,9 @@ class Parameter:
     bounds: Any = attrs.field(default=None, converter=lambda value: _pair(value, "bounds"))
     initial: Any = None
     scale: Any = None
-    tied: tuple[str, ...] = attrs.field(default=(), converter=tuple)
+    tied: tuple[str, ...] = attrs.field(
+        default=(), converter=lambda value: (value,) if isinstance(value, str) else tuple(value)
+    )
 
 
 @attrs.frozen(eq=False)
