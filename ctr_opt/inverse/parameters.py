@@ -14,9 +14,11 @@ from ..errors import DefinitionError
 from ..robot.actuation import Actuation
 from ..robot.checks import Array, array, number
 from ..robot.loads import Load
+from ..robot.parameters import Parameter as RobotParameter
 from ..robot.parameters import chosen, parameters
 from ..robot.replacing import loads_with, robot_with
 from ..robot.robot import Robot
+from ..robot.weights import Gravity
 
 _OFFSET = re.compile(r"tubes\[(\d+)\]\.(rotation|translation)_offset")
 _OWN = re.compile(r"experiments\[(\d+)\]\.(rotations|translations|loads\[\d+\]\.\w+)")
@@ -247,24 +249,30 @@ class Unknowns:
             return _unknown(given, np.zeros(()), (f"{kind}s[{i}]",), scale)
         if found := _OWN.fullmatch(given.name):
             return self._own(given, int(found[1]), found[2])
-        known = parameters(self.robot, Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes))))
-        for name in ("rotations", "translations"):
-            del known[name]
-        (found_one,) = chosen(known, [given.name])
+        (found_one,) = chosen(self._known, [given.name], "parameters")
         return _unknown(given, found_one.value, (given.name,), _scale(given.name, found_one.value, self._length))
 
     def _own(self, given: Parameter, k: int, name: str) -> Unknown:
         if k >= len(self.experiments):
             raise DefinitionError(f"{given.name!r}: there are {len(self.experiments)} experiments, counted from 0")
         actuation, loads = self.experiments[k]
-        (found,) = chosen(parameters(self.robot, actuation, loads), [name])
+        known = parameters(self.robot, actuation, loads)
+        own = {f"experiments[{k}].{each}": known[each] for each in known if not each.startswith(("tubes[", "base."))}
+        (found,) = chosen(own, [given.name], "parameters")
         return _unknown(given, found.value, (name,), _scale(name, found.value, self._length), experiment=k)
 
     def _tied(self, given: Parameter) -> Unknown:
-        known = parameters(self.robot, Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes))))
-        found = chosen(known, given.tied)
+        found = chosen(self._known, given.tied, f"{given.name}: tied")
         factors = tuple(np.array(each.value) for each in found)
         return _unknown(given, np.ones(()), tuple(given.tied), 1.0, factors=factors)
+
+    @cached_property
+    def _known(self) -> dict[str, RobotParameter]:
+        """The robot's parameters; densities act if any experiment has weights."""
+        held = Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes)))
+        pulls = [load for _, loads in self.experiments for load in loads if isinstance(load, Gravity)][:1]
+        known = parameters(self.robot, held, pulls)
+        return {name: each for name, each in known.items() if name.startswith(("tubes[", "base."))}
 
     @property
     def _length(self) -> float:
@@ -279,8 +287,7 @@ class Unknowns:
                     raise DefinitionError(f"parameters: both {seen[key]!r} and {entry.name!r} stand for {name!r}")
                 seen[key] = entry.name
         robot_names = [name for k, name in seen if k is None and not name.startswith(("rotations[", "translations["))]
-        known = parameters(self.robot, Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes))))
-        chosen(known, robot_names)  # refuses a stiffness beside the modulus that it follows from
+        chosen(self._known, robot_names, "parameters")  # refuses a stiffness beside the modulus that it follows from
 
 
 def _listed(wanted: Any) -> list[Any]:
