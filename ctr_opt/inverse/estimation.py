@@ -279,7 +279,7 @@ class Estimation:
 def _checked(robot: Any, experiments: Any) -> list[Experiment]:
     if not isinstance(robot, Robot):
         raise DefinitionError(f"robot = {robot!r} must be a Robot")
-    given = list(experiments)
+    given = [experiments] if isinstance(experiments, Experiment) else list(experiments or ())
     if not given:
         raise DefinitionError("experiments = [] must hold at least one experiment")
     for k, each in enumerate(given):

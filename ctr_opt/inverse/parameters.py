@@ -291,7 +291,7 @@ class Unknowns:
 
 
 def _listed(wanted: Any) -> list[Any]:
-    if isinstance(wanted, (str, Parameter)):
+    if wanted is None or isinstance(wanted, (str, Parameter)):
         raise DefinitionError(f"parameters = {wanted!r} must be a list of them")
     return list(wanted)
 
