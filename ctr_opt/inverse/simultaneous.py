@@ -158,4 +158,5 @@ def solve_simultaneous(
     watch = None if progress is None else (lambda step: progress("steps", step, 0))
     point = solve_program(program, program.join(unknowns.initial, moments), (lower, upper), progress=watch)
     x, found = program.split(point.x)
+    x = np.clip(x, *unknowns.bounds)  # IPOPT goes beyond by 1e-8
     return Found(x, found, point.converged, point.message, point.iterations, point.iterations)
