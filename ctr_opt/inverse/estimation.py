@@ -52,6 +52,10 @@ class Linearized:
         """Slopes of the misfit by the unknowns, the robot staying in equilibrium: implicit-function theorem."""
         return np.asarray(self.misfit_x - self.misfit_z @ np.linalg.solve(self.residual_z, self.residual_x))
 
+    def step(self) -> Array:
+        """Newton's step of the base moments to the equilibrium of the model's own mesh."""
+        return -np.linalg.solve(self.residual_z, self.residual)
+
     def of(self, k: int) -> Linearized:
         """That of one experiment of a group."""
         return Linearized(*(getattr(self, field.name)[k] for field in attrs.fields(Linearized)))

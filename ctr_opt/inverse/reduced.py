@@ -90,7 +90,8 @@ class _Reduced:
         parts, slopes = [], []
         for k, each in enumerate(estimation.linearize(x, [found.unknowns for found in self.equilibria])):
             blocks = estimation.layouts[k].blocks
-            value, jacobian = stretched(each.misfit, each.reduced(), blocks, estimation.block_losses(k, each.misfit))
+            misfit = each.misfit + each.misfit_z @ each.step()
+            value, jacobian = stretched(misfit, each.reduced(), blocks, estimation.block_losses(k, misfit))
             rows = np.zeros((len(value), len(x)))
             rows[:, each.own] = jacobian
             parts.append(value)
@@ -128,4 +129,6 @@ def solve_reduced(
     found = problem.all(result.x)
     final = estimation.equilibria(found, problem.equilibria)
     moments = [each.unknowns for each in final]
+    linearized = estimation.linearize(found, moments)
+    moments = [z + each.step() for z, each in zip(moments, linearized, strict=True)]
     return Found(found, moments, bool(result.status > 0), str(result.message), int(result.njev), int(result.nfev))
