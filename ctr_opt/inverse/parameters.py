@@ -51,7 +51,7 @@ class Parameter:
         ``(mean, standard deviation)``, numbers or arrays of the parameter's shape: known before the data are seen.
     bounds
         ``(least, most)``, likewise. Default: stiffnesses, moduli, diameters and lengths stay positive, within a factor of
-        100; angles within half a turn; others are free.
+        100; angles within half a turn; others are free. No translation puts a base in front of the entry point.
     initial
         Where to start; default: the robot's (or experiment's) own value, zero for offsets, one for factors.
     scale
@@ -245,8 +245,10 @@ class Unknowns:
             i, kind = int(found[1]), found[2]
             if i >= len(self.robot.tubes):
                 raise DefinitionError(f"{given.name!r}: the robot has {len(self.robot.tubes)} tubes, counted from 0")
-            scale = 1.0 if kind == "rotation" else self._length
-            return _unknown(given, np.zeros(()), (f"{kind}s[{i}]",), scale)
+            if kind == "rotation":
+                return _unknown(given, np.zeros(()), (f"rotations[{i}]",), 1.0)
+            foremost = max(float(actuation.translations[i]) for actuation, _ in self.experiments)
+            return _unknown(given, np.zeros(()), (f"translations[{i}]",), self._length, most=0.0 - foremost)
         if found := _OWN.fullmatch(given.name):
             return self._own(given, int(found[1]), found[2])
         (found_one,) = chosen(self._known, [given.name], "parameters")
@@ -259,7 +261,8 @@ class Unknowns:
         known = parameters(self.robot, actuation, loads)
         own = {f"experiments[{k}].{each}": known[each] for each in known if not each.startswith(("tubes[", "base."))}
         (found,) = chosen(own, [given.name], "parameters")
-        return _unknown(given, found.value, (name,), _scale(name, found.value, self._length), experiment=k)
+        most = 0.0 if name == "translations" else np.inf
+        return _unknown(given, found.value, (name,), _scale(name, found.value, self._length), experiment=k, most=most)
 
     def _tied(self, given: Parameter) -> Unknown:
         found = chosen(self._known, given.tied, f"{given.name}: tied")
@@ -319,6 +322,7 @@ def _unknown(
     *,
     experiment: int | None = None,
     factors: tuple[Array, ...] | None = None,
+    most: float = np.inf,
 ) -> Unknown:
     shape, flat = value.shape, np.array(value, dtype=np.float64).ravel()
 
@@ -331,6 +335,12 @@ def _unknown(
     lower, upper = _default_bounds(given.name, initial, factors is not None)
     if given.bounds is not None:
         lower, upper = (_or_infinite(of_shape, each, sign) for each, sign in zip(given.bounds, (-1, 1), strict=True))
+    if np.any(lower >= most) or np.any(initial > most):
+        raise DefinitionError(
+            f"{given.name}: it must be allowed to be below {most:g} m and start there, as no tube's base stands in front of the "
+            "entry point"
+        )
+    upper = np.minimum(upper, most)
     if np.any(lower >= upper) or np.any(initial < lower) or np.any(initial > upper):
         raise DefinitionError(
             f"{given.name}: initial = {initial.tolist()} must lie between the bounds {lower.tolist()} and {upper.tolist()}"
