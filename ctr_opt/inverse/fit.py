@@ -268,7 +268,7 @@ class Fit:
         label
             One of :attr:`labels`.
         count, width
-            So many values, as far as ``width`` standard errors from the estimate.
+            So many values, as far as ``width`` standard errors from the estimate, or to its bounds.
 
         Returns
         -------
@@ -282,7 +282,9 @@ class Fit:
         error = float(np.sqrt(self.covariance[k, k]))
         if not np.isfinite(error):
             raise EstimationError(f"{label} is not determined, so that it has no profile")
-        values = self._found.x[k] + error * np.linspace(-width, width, count)
+        lower, upper = (bound[k] for bound in self._estimation.unknowns.bounds)
+        x = self._found.x[k]
+        values = np.linspace(max(x - width * error, lower), min(x + width * error, upper), count)
         costs = []
         for value in values:
             x = self._found.x.copy()
