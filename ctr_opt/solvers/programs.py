@@ -13,6 +13,10 @@ from scipy.sparse import csc_matrix
 from ..robot.checks import Array
 from .ipopt import _LOCK
 
+_ENDS = ("Solve_Succeeded", "Search_Direction_Becomes_Too_Small", "Solved_To_Acceptable_Level")
+"""How IPOPT ends at an answer: as wanted, or where rounding errors leave nothing to gain."""
+_SATISFIED = 1e-8  # largest equation left
+
 
 @attrs.frozen(eq=False)
 class Evaluated:
@@ -186,12 +190,13 @@ def solve_program(
     if caught:
         raise caught[0]
     found = result["x"].full()[:, 0]
+    violation = float(np.abs(result["g"].full()).max(initial=0.0))
     return ProgramPoint(
         found,
         result["lam_g"].full()[:, 0],
         float(result["f"]),
         int(stats["iter_count"]),
-        stats["return_status"] == "Solve_Succeeded" and bool(np.isfinite(found).all()),
+        stats["return_status"] in _ENDS and bool(np.isfinite(found).all()) and violation < _SATISFIED,
         str(stats["return_status"]).replace("_", " ").lower(),
     )
 
