@@ -97,8 +97,9 @@ def parameter_table(fit: Fit) -> list[str]:
     values = np.concatenate([np.ravel(each) for each in fit.values.values()])
     errors = np.concatenate([np.ravel(each) for each in fit.standard_errors.values()])
     lines = [f"  {'parameter':<36}{'start':>12}{'estimate':>14}{'+-':>12}   {'unit':<6}"]
+    factors = {entry.name for entry in unknowns.entries if entry.factors is not None}
     for label, start, value, error in zip(fit.labels, unknowns.initial, values, errors, strict=True):
-        factor, unit = unit_of(label)
+        factor, unit = (1.0, "") if label in factors else unit_of(label)
         told = f"{factor * value:>14.6g}{factor * error:>12.2g}" if np.isfinite(error) else f"{'not determined':>26}"
         lines.append(f"  {label:<36}{factor * start:>12.6g}{told}   {unit:<6}")
     return lines
