@@ -146,12 +146,19 @@ def residual_lines(fit: Fit) -> list[str]:
     if names:
         lines += ["", "  Experiments that do not fit the others (look at them; none was left out):"]
         for name, k in zip(names, fit.outliers, strict=True):
-            own = [each for each in fit.residuals if each.experiment == k]
-            worst = max(own, key=lambda each: each.size)
-            lines.append(
-                f"    {name}: {1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, influence {fit.influence[k]:.2g}"
-            )
+            own = [each for each in fit.residuals if each.experiment == k and is_point(fit, each)]
+            worst = max(own, key=lambda each: each.size, default=None)
+            at = f"{1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, " if worst else ""
+            lines.append(f"    {name}: {at}influence {fit.influence[k]:.2g}")
     return lines
+
+
+def is_point(fit: Fit, residual: Residual) -> bool:
+    """Whether a residual is that of a measured point."""
+    from .measurements import PositionMeasurement
+
+    measurement = fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
+    return isinstance(measurement, PositionMeasurement)
 
 
 def point_errors(residuals: list[Residual], fit: Fit) -> dict[str, Array]:
