@@ -12,7 +12,7 @@ import attrs
 import numpy as np
 
 from ..equilibrium import Equilibrium
-from ..errors import SolveError
+from ..errors import DefinitionError, SolveError
 from ..robot.checks import Array
 from .estimation import Estimation, Progress
 
@@ -84,7 +84,7 @@ class _Reduced:
         self.evaluations += 1
         try:
             self.equilibria = estimation.equilibria(x, self.equilibria)
-        except SolveError:
+        except (SolveError, DefinitionError):  # no equilibrium, or no such robot
             count = sum(each.numbers for each in estimation.experiments) + len(x)
             return np.full(count, _FAILED), np.zeros((count, len(scaled)))
         parts, slopes = [], []

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from ..equilibrium import Equilibrium
+from ..errors import DefinitionError, EstimationError
 from ..robot.checks import Array
 from ..solvers.programs import Evaluated, solve_program
 from .estimation import Estimation, Layout, Progress
@@ -96,7 +97,10 @@ class _Program:
         gradient[: self.parameters] = scale * (x - mean) / sigma**2
         constraints = np.zeros(self.size - self.parameters)
         slopes, curvatures = [], [(scale / sigma) ** 2 + _DAMPING]
-        linearized = estimation.linearize_groups(x, moments)
+        try:
+            linearized = estimation.linearize_groups(x, moments)
+        except (DefinitionError, EstimationError):  # no such robot
+            return None
         for group, places, each in zip(estimation.models, self._places, linearized, strict=True):
             own = scale[each.own][:, None, :]
             constraints[places - self.parameters] = each.residual / group.unit
