@@ -148,7 +148,8 @@ def residual_lines(fit: Fit) -> list[str]:
             own = [each for each in fit.residuals if each.experiment == k]
             worst = max(own, key=lambda each: each.size)
             lines.append(
-                f"    {name}: {1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, influence {fit.influence[k]:.2g}"
+                f"    {name}: {1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, "
+                f"influence {fit.influence[k]:.2g}"
             )
     return lines
 

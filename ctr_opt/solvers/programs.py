@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 import attrs
 import casadi as ca
 import numpy as np
-from scipy.sparse import csc_matrix
 
 from ..robot.checks import Array
 from .ipopt import _LOCK
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
 
 
 @attrs.frozen(eq=False)
@@ -56,7 +58,7 @@ class ProgramPoint:
     message: str
 
 
-class _Callback(ca.Callback):  # type: ignore[misc]
+class _Callback(ca.Callback):
     """A function of CasADi's whose outputs are computed in numbers."""
 
     def __init__(
@@ -78,7 +80,7 @@ class _Callback(ca.Callback):  # type: ignore[misc]
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return self._outputs[i]
 
-    def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
+    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
         values = self._values(*(np.asarray(each.full())[:, 0] for each in arguments))
         return [ca.DM(pattern, value) for pattern, value in zip(self._outputs, values, strict=True)]
 
@@ -116,7 +118,7 @@ def solve_program(
     def hessian(x: Array, _: Array, factor: Array, __: Array) -> list[Any]:
         return [factor[0] * at(x).hessian]
 
-    def after(*arguments: Array) -> list[Any]:
+    def after(*_: Array) -> list[Any]:
         steps.append(0)
         if progress is not None:
             progress(len(steps))
