@@ -35,7 +35,8 @@ def read_experiments(
         and ``translation_0 [mm]`` for each tube; as far as there are any, ``force_x [N]``, ``force_y``, ``force_z``
         (world frame, at the innermost tube's tip) and what was measured: ``tip_x [mm]`` and so on, ``tube1_x``
         (the distal end of tube 1), ``base_x`` (the entry point), ``direction_x`` (the tangent
-        at the tip, of any length); and ``name``. ``#`` begins a comment. An empty field is something that was not measured.
+        at the tip, of any length); and ``name``. ``#`` begins a comment. An empty field is
+        something that was not measured.
     tubes
         How many tubes the robot has.
     sigma, direction_sigma
