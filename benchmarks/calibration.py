@@ -1,13 +1,14 @@
 """Calibration against Nelder and Mead's method, and how its time and memory grow: ``python -m benchmarks.calibration``.
 
 The paper's problem on synthetic data: four stiffnesses and the base's pose from eighty shapes, by the sum of distances.
-The paper used Nelder and Mead's method; here it is SciPy's, adaptive, in scaled parameters, from a simplex of 5 %, on this
-package's own compiled forward solves, each from the equilibrium before. It is timed until it comes within 0.1 % of the
-least objective known, or 20,000 evaluations.
+The paper used Nelder and Mead's method; here it is SciPy's, adaptive, in scaled parameters, from a simplex of 5 %, on
+this package's own compiled forward solves, each from the equilibrium before. It is timed until it comes within 0.1 %
+of the least objective known, or 20,000 evaluations.
 """
 
 import argparse
 import resource
+from contextlib import suppress
 from time import perf_counter
 
 import numpy as np
@@ -39,8 +40,9 @@ class Objective:
         self.loss = Loss("distance", 3)
         self.equilibria = estimation.equilibria(unknowns.initial)
         probes = [Probe(0.0, 0), Probe(None, 1), Probe()]
-        assert PLACES == (0.0, ctr.Distal(1), None)
+        assert (0.0, ctr.Distal(1), None) == PLACES
         self.model = Predictions(estimation.robot, [], self.cases, probes)
+        self.joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in self.cases])
         self.evaluations = 0
 
     def __call__(self, scaled):
@@ -49,13 +51,13 @@ class Objective:
         self.equilibria = [
             problem.solve(*case, initial=before) for case, before in zip(self.cases, self.equilibria, strict=True)
         ]
-        told = self.model.moved(robot, self.model.actuations).at([each.unknowns for each in self.equilibria])
+        told = self.model.moved(robot, self.joints).at([each.unknowns for each in self.equilibria])
         misfit = np.einsum("epij,epj->epi", self.weights, told.poses[..., 3] - self.measured)
         self.evaluations += 1
         return float(self.loss.evaluate((misfit**2).sum(axis=-1))[0].sum())
 
 
-class Reached(Exception):
+class ReachedError(Exception):
     """The objective is good enough."""
 
 
@@ -69,14 +71,12 @@ def nelder_mead(estimation, target, **options):
         value = objective(scaled)
         best[0] = min(best[0], value)
         if value <= target:
-            raise Reached
+            raise ReachedError
         return value
 
     begin = perf_counter()
-    try:
+    with suppress(ReachedError):
         minimize(watched, start, method="Nelder-Mead", options=options)
-    except Reached:
-        pass
     return perf_counter() - begin, objective.evaluations, best[0]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .calibration_files import Calibration, Check
 from .errors import DefinitionError, EstimationError
@@ -85,16 +86,16 @@ def _table(header: list[str], rows: list[list[str]]) -> list[str]:
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 
-def tip_errors(fit: Fit) -> tuple[Array, Array, Array]:
+def tip_errors(fit: Fit) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Of the experiments whose tip was measured: its error (m), its arc length (m), and whether there was a load."""
     from .inverse.measurements import PositionMeasurement
 
     errors, lengths, loaded = [], [], []
     tips = {}
     for k, experiment in enumerate(fit.estimation.experiments):
-        for j, each in enumerate(experiment.measurements):
-            if isinstance(each, PositionMeasurement) and None in each.arc_length:
-                tips[k, j] = each.arc_length.index(None)
+        for j, measured in enumerate(experiment.measurements):
+            if isinstance(measured, PositionMeasurement) and None in measured.arc_length:
+                tips[k, j] = measured.arc_length.index(None)
     seen: dict[tuple[int, int], int] = {}
     for each in fit.residuals:
         key = (each.experiment, each.measurement)
@@ -124,7 +125,8 @@ def _errors(fit: Fit) -> list[str]:
         lines += [
             "",
             f"Of the tip's errors {' and '.join(shares)}; in the mean {share.mean():.2%} of the arc length, at most "
-            f"{share.max():.2%}. The largest, {1e3 * errors[worst]:.2f} mm, at an arc length of {1e3 * lengths[worst]:.1f} mm "
+            f"{share.max():.2%}. The largest, {1e3 * errors[worst]:.2f} mm, at an arc length of "
+            f"{1e3 * lengths[worst]:.1f} mm "
             f"({share[worst]:.2%}).",
         ]
     return lines
@@ -141,8 +143,10 @@ def _outliers(fits: Mapping[str, Fit]) -> list[str]:
             turned = ", ".join(f"{x:g}" for x in np.round(np.rad2deg(each.actuation.rotations), 2))
             pushed = ", ".join(f"{x:g}" for x in np.round(1e3 * each.actuation.translations, 3))
             lines.append(
-                f"- {LOSS_NAMES[loss]}: {each.name or k} ({turned} deg; {pushed} mm; {'loaded' if each.loads else 'unloaded'}): "
-                f"{1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, influence (Cook's distance) {fit.influence[k]:.2g}. "
+                f"- {LOSS_NAMES[loss]}: {each.name or k} ({turned} deg; {pushed} mm; "
+                f"{'loaded' if each.loads else 'unloaded'}): "
+                f"{1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, influence (Cook's distance) "
+                f"{fit.influence[k]:.2g}. "
                 "It was fitted with the others; look for a mistake in its record."
             )
     return lines

@@ -32,10 +32,11 @@ def read_experiments(
     ----------
     path
         A CSV file. Its first line names the columns, each with its unit in brackets (without: SI): ``rotation_0 [deg]``
-        and ``translation_0 [mm]`` for each tube; as far as there are any, ``force_x [N]``, ``force_y``, ``force_z`` (world
-        frame, at the innermost tube's tip) and what was measured: ``tip_x [mm]`` and so on, ``tube1_x`` (the distal end
-        of tube 1), ``base_x`` (the entry point), ``direction_x`` (the tangent at the tip, of any length); and ``name``.
-        ``#`` begins a comment. An empty field is something that was not measured.
+        and ``translation_0 [mm]`` for each tube; as far as there are any, ``force_x [N]``, ``force_y``, ``force_z``
+        (world frame, at the innermost tube's tip) and what was measured: ``tip_x [mm]`` and so on, ``tube1_x``
+        (the distal end of tube 1), ``base_x`` (the entry point), ``direction_x`` (the tangent
+        at the tip, of any length); and ``name``. ``#`` begins a comment. An empty field is
+        something that was not measured.
     tubes
         How many tubes the robot has.
     sigma, direction_sigma
@@ -92,8 +93,9 @@ def _columns(file: Path, header: list[str], tubes: int) -> dict[str, tuple[int, 
         if unit is None or name in found:
             what = "is given twice" if name in found else "is no column here"
             raise DefinitionError(
-                f"{file}: column {text.strip()!r} {what}; the columns are name, rotation_i, translation_i, force_x, and of "
-                f"measurements base_x, tip_x, tube<i>_x, direction_x, with y and z likewise, for tubes 0 to {tubes - 1}"
+                f"{file}: column {text.strip()!r} {what}; the columns are name, rotation_i, translation_i, "
+                "force_x, and of measurements base_x, tip_x, tube<i>_x, direction_x, with y and z likewise, for "
+                f"tubes 0 to {tubes - 1}"
             )
         try:
             factor = to_si(f"1 {match[2]}", unit) if match and match[2] else 1.0
@@ -157,7 +159,8 @@ def _experiment(
     measured: list[Measurement] = []
     complete = [(place, point) for place, point in points if np.isfinite(point).all()]
     if complete:
-        measured.append(PositionMeasurement([p for p, _ in complete], [point for _, point in complete], sigma=sigma))
+        at = np.array([point for _, point in complete])
+        measured.append(PositionMeasurement([p for p, _ in complete], at, sigma=sigma))
     if "direction_x" in values and np.isfinite(read("direction", _AXES)).all():
         measured.append(TangentMeasurement(None, read("direction", _AXES), sigma=direction_sigma))
     if not measured:

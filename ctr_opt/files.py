@@ -201,7 +201,7 @@ def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str
 
 
 def find_problems(folder: str | os.PathLike[str]) -> list[Path]:
-    """The problem files below a folder, in order; other TOML files (robots, plans) are passed over."""
+    """The problem files below a folder, in order; other TOML files (robots, plans, calibrations) are passed over."""
     root = Path(folder)
     if not root.is_dir():
         raise DefinitionError(f"there is no folder {str(root)!r}")
@@ -213,7 +213,7 @@ def _is_problem(file: Path) -> bool:
         keys = set(_read_toml(file))
     except DefinitionError:
         return False
-    return {"title", "robot"} <= keys and "cases" not in keys
+    return {"title", "robot"} <= keys and not keys & {"cases", "experiments"}
 
 
 def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:

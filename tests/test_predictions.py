@@ -1,5 +1,7 @@
 """Compiled predictions against derivatives of equilibria, which share no code with them, and against differences."""
 
+import pickle
+
 import attrs
 import numpy as np
 import pytest
@@ -213,6 +215,18 @@ def test_a_base_at_the_entry_is_drawn_back():
     model = Predictions(made, ["translations"], [(actuation, loads)], [Probe()], refinements=1)
     found = total(model, model.at(solved(model, result.unknowns)[None]))[0]
     np.testing.assert_allclose(found, result.sensitivity("tip_pose", "translations"), atol=1e-7)
+
+
+@pytest.mark.parametrize(("seed", "body"), [(1, True), (2, False)])
+def test_jacobian_and_compliance_come_from_the_same_sweep(seed, body):
+    """A copy that has left its library behind takes the slower way."""
+    _, made, actuation, loads, _ = case(seed, 1 + seed % 3, body)
+    result = ctr.ForwardProblem(made, compiled=True).solve(actuation, loads)
+    copy = pickle.loads(pickle.dumps(result))
+    for name in ("jacobian", "compliance"):
+        a, b = getattr(result, name)(), getattr(copy, name)()
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-12 * np.abs(b).max())
+    assert all(result._rates.values())  # by compiled code
 
 
 def test_derivatives_with_two_sides_are_refused():

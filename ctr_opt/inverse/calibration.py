@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from .parameters import Parameter
 from .reduced import Found, solve_reduced
 from .simultaneous import solve_simultaneous
 
-METHODS = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
+METHODS: dict[str, Callable[..., Found]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
 
 
 class CalibrationProblem:
@@ -98,7 +98,8 @@ class CalibrationProblem:
         ----------
         method
             ``"simultaneous"``: base moments of all experiments and parameters together, by IPOPT; ``"reduced"``: the
-            equilibria are solved for at every step of SciPy's trust region. Both end at the same answer.
+            equilibria are solved for at every step of SciPy's trust region. Both end at the same answer; where
+            the first does not converge, the second is tried.
         progress
             Called as ``progress(what, done, all)``.
 
@@ -115,6 +116,10 @@ class CalibrationProblem:
             raise EstimationError(f"the initial parameters have no equilibrium in {error}") from error
         estimation.prepare(equilibria)
         found = way(estimation, equilibria, progress)
+        if not found.converged and way is solve_simultaneous:  # as where the data say nothing of some direction
+            second = solve_reduced(estimation, equilibria, progress)
+            if second.converged:
+                found, method = second, "simultaneous (not converged), then reduced"
         if not found.converged:
             raise EstimationError(_failure(estimation, found, method))
         return Fit(estimation, found, method)
@@ -130,7 +135,6 @@ class CalibrationProblem:
 
 def _failure(estimation: Estimation, found: Found, method: str) -> str:
     """What was tried, how far it got, what to do."""
-    other = next(name for name in METHODS if name != method)
     lower, upper = estimation.unknowns.bounds
     at_bound = [
         label
@@ -140,6 +144,7 @@ def _failure(estimation: Estimation, found: Found, method: str) -> str:
     hint = f"; at their bounds: {', '.join(at_bound)}" if at_bound else ""
     values = ", ".join(f"{a} = {x:.6g}" for a, x in zip(estimation.unknowns.labels, found.x, strict=True))
     return (
-        f"the {method} estimation ended after {found.iterations} iterations: {found.message}; it got to {values}{hint}. "
-        f"Try method={other!r}, priors or a better start for the parameters, or fewer of them"
+        f"the {method} estimation ended after {found.iterations} iterations: {found.message}; "
+        f"it got to {values}{hint}. "
+        f"Try priors or a better start for the parameters, or fewer of them"
     )

@@ -36,8 +36,8 @@ Progress = Callable[[str, int, int], None]
 class Linearized:
     """An experiment at some values: boundary residual and whitened misfit, and their slopes.
 
-    ``*_z`` by the base moments (SI), ``*_x`` by the unknowns ``own`` that act on the experiment. Of a group of experiments
-    all have one axis more, the first.
+    ``*_z`` by the base moments (SI), ``*_x`` by the unknowns ``own`` that act on the experiment. Of a group of
+    experiments all have one axis more, the first.
     """
 
     residual: Array
@@ -83,7 +83,7 @@ class Layout:
 
 @attrs.frozen(eq=False)
 class Group:
-    """Experiments that one model serves; ``mixing (E, numbers, own)``: what acts on each by the unknowns ``own (E, j)``.
+    """Experiments that one model serves; ``mixing (E, numbers, own)``: what acts on each by unknowns ``own (E, j)``.
 
     In the virtual machine ``start (E, k)`` are all numbers at the initial values; ``symbolic.active`` of them move.
     """
@@ -142,8 +142,8 @@ class Estimation:
                     if s < 0.0 or s > end + 1e-9 * ends.max():
                         whose = "the robot" if tube is None else f"tube {tube}"
                         raise DefinitionError(
-                            f"experiment {each.name or k}: measurements[{j}] is at s = {s:g} m, but {whose} reaches from "
-                            f"0 to {end:g} m there"
+                            f"experiment {each.name or k}: measurements[{j}] is at s = {s:g} m, but {whose} "
+                            f"reaches from 0 to {end:g} m there"
                         )
 
     def of(self, experiments: Sequence[Experiment], wanted: Iterable[str]) -> Estimation:
@@ -217,7 +217,7 @@ class Estimation:
             own = np.array([np.flatnonzero(row.any(axis=0)) for row in rows])
             mixing = np.array([row[:, those] for row, those in zip(rows, own, strict=True)])
             unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
-            parts = {"members": members, "own": own, "mixing": mixing, "unit": unit}
+            parts: dict[str, Any] = {"members": members, "own": own, "mixing": mixing, "unit": unit}
             parts["comparison"] = Comparison([self.experiments[k].measurements for k in members])
             if compilable(self.robot, each.loads, each.requests, names, self.compiled):
                 self.models.append(Group(**parts, compiled=CompiledModel(each.requests, sizes)))

@@ -155,8 +155,8 @@ class Fit:
         """
         if self.undetermined:
             raise EstimationError(
-                f"the data do not determine the robot: {'; '.join(map(str, self.undetermined))}. Add measurements under "
-                "load, priors, or estimate fewer parameters"
+                f"the data do not determine the robot: {'; '.join(map(str, self.undetermined))}. Add measurements "
+                "under load, priors, or estimate fewer parameters"
             )
         return self._estimation.unknowns.robot_at(self._found.x)
 
@@ -417,4 +417,4 @@ class Fit:
 
 def covariance_inverse(scaled: Array, known: Array) -> Array:
     """Inverse of a covariance on the space that is known, in that space's coordinates."""
-    return np.linalg.inv(known.T @ scaled @ known)
+    return np.asarray(np.linalg.inv(known.T @ scaled @ known))

@@ -7,7 +7,6 @@ from typing import Any
 
 import attrs
 import numpy as np
-from scipy.special import gammainc, gammaincinv
 
 from ..robot.checks import Array
 
@@ -16,8 +15,10 @@ SMOOTHING = 1e-2  # standard deviations: the distance is sqrt(r^2 + SMOOTHING^2)
 _HUBER, _CAUCHY = 1.345, 2.385  # 95 % efficient for normal errors of one dimension
 
 
-def _quantile(probability: float, freedom: int) -> float:
+def _quantile(probability: Any, freedom: int) -> float:
     """Of chi-square."""
+    from scipy.special import gammaincinv
+
     return float(2.0 * gammaincinv(0.5 * freedom, probability))
 
 
@@ -35,6 +36,8 @@ class Loss:
     @cached_property
     def threshold(self) -> float:
         """Norm of the residual beyond which a block counts less, standard deviations; infinite for squared."""
+        from scipy.special import gammainc
+
         if self.name == "huber":
             return float(np.sqrt(_quantile(gammainc(0.5, 0.5 * _HUBER**2), self.size)))
         if self.name == "cauchy":

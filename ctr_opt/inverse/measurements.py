@@ -17,6 +17,26 @@ from ..errors import DefinitionError
 from ..robot.checks import ARRAY_EQ, Array, array, index, number
 
 
+def _tube(value: Any) -> int:
+    return index(value, "tube")
+
+
+def _pose(value: Any) -> Array:
+    return array(value, "pose", (4, 4))
+
+
+def _direction(value: Any) -> Array:
+    return array(value, "direction", (3,))
+
+
+def _torque(value: Any) -> float:
+    return number(value, "torque", unit="N m")
+
+
+def _as_given(value: Any) -> Any:
+    return value
+
+
 @attrs.frozen
 class Distal:
     """The distal end of a tube, wherever it is: it moves with the tube's translation and length.
@@ -25,7 +45,7 @@ class Distal:
     Distal(tube=1)
     """
 
-    tube: int = attrs.field(converter=lambda value: index(value, "tube"))
+    tube: int = attrs.field(converter=_tube)
 
 
 Place: TypeAlias = "float | Distal | None"
@@ -34,7 +54,7 @@ Place: TypeAlias = "float | Distal | None"
 
 @attrs.frozen
 class Request:
-    """A prediction that is needed: a ``kind`` (``"pose"``, ``"curvature"``, ``"torque"``), of a ``tube``, at a place."""
+    """A prediction that is needed: a ``kind`` (``"pose"``, ``"curvature"``, ``"torque"``) of a tube, at a place."""
 
     kind: str
     place: Place = None
@@ -136,7 +156,7 @@ class _Measured:
     @property
     def scaled(self) -> bool:
         """Whether a noise level was given."""
-        return self.sigma is not None  # type: ignore[attr-defined,no-any-return]
+        return self.sigma is not None  # type: ignore[attr-defined]
 
     @cached_property
     def whitener(self) -> Array:
@@ -166,8 +186,8 @@ class PositionMeasurement(_Measured):
     position
         ``(3,)``, m, world frame; ``(k, 3)`` for k places.
     sigma
-        Standard deviation, m: a number, one for each axis ``(3,)``, or covariances ``(3, 3)`` or ``(k, 3, 3)``. None: the
-        noise level is unknown and estimated from the residuals.
+        Standard deviation, m: a number, one for each axis ``(3,)``, or covariances ``(3, 3)`` or ``(k, 3, 3)``. None:
+        the noise level is unknown and estimated from the residuals.
 
     Examples
     --------
@@ -176,7 +196,7 @@ class PositionMeasurement(_Measured):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=_places)
-    position: Array = attrs.field(eq=ARRAY_EQ)
+    position: Array = attrs.field(eq=ARRAY_EQ, converter=_as_given)
     sigma: Any = None
 
     def __attrs_post_init__(self) -> None:
@@ -216,8 +236,8 @@ class PoseMeasurement(_Measured):
     pose
         ``(4, 4)``, world frame.
     sigma
-        Standard deviations ``(6,)`` of position (m) and rotation (rad, about the world's axes), a covariance ``(6, 6)``, or
-        None.
+        Standard deviations ``(6,)`` of position (m) and rotation (rad, about the world's axes), a covariance
+        ``(6, 6)``, or None.
     tube
         Whose frame it is; None: the innermost tube's that is there.
 
@@ -229,7 +249,7 @@ class PoseMeasurement(_Measured):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=_place)
-    pose: Array = attrs.field(converter=lambda value: array(value, "pose", (4, 4)))
+    pose: Array = attrs.field(converter=_pose)
     sigma: Any = None
     tube: int | None = None
 
@@ -295,7 +315,7 @@ class TangentMeasurement(_Measured):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=_place)
-    direction: Array = attrs.field(converter=lambda value: array(value, "direction", (3,)))
+    direction: Array = attrs.field(converter=_direction)
     sigma: float | None = None
 
     def __attrs_post_init__(self) -> None:
@@ -360,9 +380,9 @@ class CurvatureMeasurement(_Measured):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=_places)
-    curvature: Array = attrs.field(eq=ARRAY_EQ)
+    curvature: Array = attrs.field(eq=ARRAY_EQ, converter=_as_given)
     sigma: Any = None
-    tube: int = attrs.field(default=0, converter=lambda value: index(value, "tube"))
+    tube: int = attrs.field(default=0, converter=_tube)
 
     _unit = 1.0
 
@@ -412,8 +432,8 @@ class TorqueMeasurement(_Measured):
     (1, 1)
     """
 
-    tube: int = attrs.field(converter=lambda value: index(value, "tube"))
-    torque: float = attrs.field(converter=lambda value: number(value, "torque", unit="N m"))
+    tube: int = attrs.field(converter=_tube)
+    torque: float = attrs.field(converter=_torque)
     sigma: float | None = None
 
     def __attrs_post_init__(self) -> None:

@@ -34,13 +34,13 @@ def structure(robot: Robot, actuation: Actuation, loads: Sequence[Load], request
     """Equal for experiments that one function serves."""
     known = parameters(robot, actuation, loads)
     own = tuple(_structure(load, f"loads[{k}].", known) for k, load in enumerate(loads))
-    asked = tuple(attrs.evolve(r, place="s" if isinstance(r.place, float) else r.place) for r in requests)
+    asked = tuple((r.kind, "s" if isinstance(r.place, float) else r.place, r.tube) for r in requests)
     ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
     return own, asked, tuple(carrier(request, ends) for request in requests if request.kind == "pose")
 
 
 def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable:
-    parts: list[Hashable] = [type(load)]
+    parts: list[Any] = [type(load)]
     for field in attrs.fields(type(load)):
         value = getattr(load, field.name)
         parameter = known.get(prefix + field.name)
@@ -138,7 +138,7 @@ class GroupModel:
         found, mark = [], 0
         for request in self.requests:
             if request.kind == "torque":
-                found.append(-swept.z[2 + request.tube] * configuration.scales.moment)
+                found.append(-swept.z[2 + (request.tube or 0)] * configuration.scales.moment)
                 continue
             if request.place is None:
                 vector, weights = swept.left[:, -1], None
@@ -157,10 +157,7 @@ class GroupModel:
         """``u_x, u_y`` in a tube's frame, and the tube's own ``u_z``, 1/m."""
         places = list(swept.locals.values())
         last = len(places) - 1
-        if weights is None:
-            local = places[-1]
-        else:
-            local = ca.horzcat(*places) @ weights[: last + 1]
+        local = places[-1] if weights is None else ca.horzcat(*places) @ weights[: last + 1]
         bent, twisted, _, _ = self.problem.functions.local(vector, local)
         angle = State.split(vector, self.configuration.tube_count).angles[tube]
         c, s = ca.cos(angle), ca.sin(angle)

@@ -35,6 +35,18 @@ def _pair(value: Any, field: str) -> tuple[Any, Any] | None:
     return value[0], value[1]
 
 
+def _prior(value: Any) -> tuple[Any, Any] | None:
+    return _pair(value, "prior")
+
+
+def _bounds(value: Any) -> tuple[Any, Any] | None:
+    return _pair(value, "bounds")
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
 @attrs.frozen
 class Parameter:
     """An unknown of an estimation.
@@ -44,14 +56,14 @@ class Parameter:
     name
         Of one number or an array of them: any of :meth:`Equilibrium.sensitivity <ctr_opt.Equilibrium.sensitivity>`
         that belongs to the robot (``"tubes[0].bending_stiffness"``, ``"tubes[0].precurvature[1].coefficients"``,
-        ``"base.translation"``); ``"tubes[0].rotation_offset"`` (rad) and ``"tubes[0].translation_offset"`` (m), added to
-        every experiment's actuation; or an experiment's own, ``"experiments[3].loads[0].force"``,
+        ``"base.translation"``); ``"tubes[0].rotation_offset"`` (rad) and ``"tubes[0].translation_offset"`` (m), added
+        to every experiment's actuation; or an experiment's own, ``"experiments[3].loads[0].force"``,
         ``"experiments[3].rotations"``. With ``tied``, a name of your own for a common factor.
     prior
         ``(mean, standard deviation)``, numbers or arrays of the parameter's shape: known before the data are seen.
     bounds
-        ``(least, most)``, likewise. Default: stiffnesses, moduli, diameters and lengths stay positive, within a factor of
-        100; angles within half a turn; others are free. No translation puts a base in front of the entry point.
+        ``(least, most)``, likewise. Default: stiffnesses, moduli, diameters and lengths stay positive, within a factor
+        of 100; angles within half a turn; others are free. No translation puts a base in front of the entry point.
     initial
         Where to start; default: the robot's (or experiment's) own value, zero for offsets, one for factors.
     scale
@@ -66,13 +78,11 @@ class Parameter:
     """
 
     name: str
-    prior: Any = attrs.field(default=None, converter=lambda value: _pair(value, "prior"))
-    bounds: Any = attrs.field(default=None, converter=lambda value: _pair(value, "bounds"))
+    prior: Any = attrs.field(default=None, converter=_prior)
+    bounds: Any = attrs.field(default=None, converter=_bounds)
     initial: Any = None
     scale: Any = None
-    tied: tuple[str, ...] = attrs.field(
-        default=(), converter=lambda value: (value,) if isinstance(value, str) else tuple(value)
-    )
+    tied: tuple[str, ...] = attrs.field(default=(), converter=_names)
 
 
 @attrs.frozen(eq=False)
@@ -337,13 +347,14 @@ def _unknown(
         lower, upper = (_or_infinite(of_shape, each, sign) for each, sign in zip(given.bounds, (-1, 1), strict=True))
     if np.any(lower >= most) or np.any(initial > most):
         raise DefinitionError(
-            f"{given.name}: it must be allowed to be below {most:g} m and start there, as no tube's base stands in front of the "
-            "entry point"
+            f"{given.name}: it must be allowed to be below {most:g} m and start there, as no tube's base "
+            "stands in front of the entry point"
         )
     upper = np.minimum(upper, most)
     if np.any(lower >= upper) or np.any(initial < lower) or np.any(initial > upper):
         raise DefinitionError(
-            f"{given.name}: initial = {initial.tolist()} must lie between the bounds {lower.tolist()} and {upper.tolist()}"
+            f"{given.name}: initial = {initial.tolist()} must lie between the bounds {lower.tolist()} and "
+            f"{upper.tolist()}"
         )
     mean, sigma = initial, np.full(len(flat), np.inf)
     if given.prior is not None:
@@ -367,9 +378,9 @@ def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
     if np.ndim(value) == 0:
         none = value is None or value == infinite
         return np.full_like(of_shape(0.0, "bounds"), infinite) if none else of_shape(value, "bounds")
-    free = np.array([each is None or each == infinite for each in np.asarray(value, dtype=object).ravel()])
-    free = free.reshape(np.shape(value))
-    return np.where(free.ravel(), infinite, of_shape(np.where(free, 0.0, np.asarray(value, dtype=object)).tolist(), "bounds"))
+    given = np.asarray(value, dtype=object)
+    free = np.array([each is None or each == infinite for each in given.ravel()]).reshape(given.shape)
+    return np.where(free.ravel(), infinite, of_shape(np.where(free, 0.0, given).tolist(), "bounds"))
 
 
 def _default_bounds(name: str, initial: Array, factor: bool) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""The reduced way: equilibria are solved for at each step, and only the parameters are unknowns of SciPy's trust region.
+"""The reduced way: equilibria are solved for at each step, only the parameters are unknowns of SciPy's trust region.
 
 Each block of the misfit is stretched so that half its square is its loss, exactly.
 """
@@ -124,11 +124,11 @@ def solve_reduced(
     estimation.prepare(equilibria)
     problem = _Reduced(estimation, equilibria, x, free, progress)
     bounds = tuple(each[free] / scale for each in unknowns.bounds)
-    accuracy = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12}
+    accuracy: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12}
     result = least_squares(problem.residuals, x[free] / scale, problem.jacobian, bounds, max_nfev=200, **accuracy)
     found = problem.all(result.x)
     final = estimation.equilibria(found, problem.equilibria)
     moments = [each.unknowns for each in final]
     linearized = estimation.linearize(found, moments)
     moments = [z + each.step() for z, each in zip(moments, linearized, strict=True)]
-    return Found(found, moments, bool(result.status > 0), str(result.message), int(result.njev), int(result.nfev))
+    return Found(found, moments, bool(result.status > 0), str(result.message), int(result.njev or 0), int(result.nfev))

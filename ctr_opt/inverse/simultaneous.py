@@ -1,4 +1,4 @@
-"""The simultaneous way: every experiment's base moments are unknowns beside the parameters, its equilibrium a constraint.
+"""The simultaneous way: every experiment's base moments are unknowns too, and its equilibrium is a constraint.
 
 IPOPT minimizes the loss of the misfits and the priors, with the Hessian of Gauss and Newton.
 """
@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, TypeAlias
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix
 
 from ..equilibrium import Equilibrium
 from ..errors import DefinitionError, EstimationError
@@ -19,6 +19,9 @@ from ..robot.checks import Array
 from ..solvers.programs import Evaluated, solve_program
 from .estimation import Estimation, Layout, Progress
 from .reduced import Found
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
 
 Structure: TypeAlias = "tuple[csc_matrix, NDArray[np.intp]]"
 """A sparse matrix of ones, and to which of its nonzeros each of some entries adds."""
@@ -35,7 +38,7 @@ class _Program:
         self.units = estimation.units
         self.parameters = len(x)
         ends = np.cumsum([self.parameters, *(len(each) for each in moments)])
-        self.parts = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self.size = int(ends[-1])
         #  where each group's base moments stand, (experiments, moments)
         self._places = [
@@ -139,6 +142,8 @@ class _Program:
 
 def _compressed(rows: list[Any], columns: list[Any], shape: tuple[int, int]) -> Structure:
     """The structure, and to which of its nonzeros each of the entries adds."""
+    from scipy.sparse import csc_matrix
+
     row, column = np.concatenate(rows).astype(np.intp), np.concatenate(columns).astype(np.intp)
     keys, where = np.unique(column * shape[0] + row, return_inverse=True)
     pointers = np.searchsorted(keys, np.arange(shape[1] + 1) * shape[0])
@@ -146,7 +151,7 @@ def _compressed(rows: list[Any], columns: list[Any], shape: tuple[int, int]) -> 
 
 
 def _summed(structure: Structure, values: Array) -> Array:
-    return np.bincount(structure[1], weights=values, minlength=structure[0].nnz)
+    return np.asarray(np.bincount(structure[1], weights=values, minlength=structure[0].nnz), dtype=np.float64)
 
 
 def solve_simultaneous(

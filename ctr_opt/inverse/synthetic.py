@@ -23,7 +23,7 @@ def synthetic_experiments(
     places: Sequence[Place] = (None,),
     *,
     sigma: Any = 0.5e-3,
-    seed: int = 0,
+    seed: Any = 0,
     recorded: Mapping[int, Actuation] | None = None,
 ) -> list[Experiment]:
     """Experiments on a robot with positions measured under normal noise.

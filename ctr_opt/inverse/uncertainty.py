@@ -48,8 +48,8 @@ class Direction:
 class Information:
     """Sums over the data at a solution, in scaled unknowns.
 
-    ``matrix``: of Gauss and Newton for whitened misfits; ``curvature``: the loss's Hessian, outer product of the blocks'
-    gradients in ``scatter`` (for the sandwich); ``prior``: the priors' inverse variances.
+    ``matrix``: of Gauss and Newton for whitened misfits; ``curvature``: the loss's Hessian, outer product of the
+    blocks' gradients in ``scatter`` (for the sandwich); ``prior``: the priors' inverse variances.
     """
 
     matrix: Array
@@ -131,15 +131,15 @@ def taking_part(of: Determined) -> Array:
 def directions(of: Determined, labels: Sequence[str], x: Array, scale: Array) -> list[Direction]:
     """The undetermined directions, each with as few parameters as possible, in words."""
     found = []
-    for vector in _sparse(of.vague):
-        vector = vector / vector[np.abs(vector).argmax()]
+    for row in _sparse(of.vague):
+        vector = row / row[np.abs(row).argmax()]
         those = np.flatnonzero(np.abs(vector) > _TAKES_PART)
         unit = vector / np.linalg.norm(vector)
         spread = (
             np.sqrt(np.sum((of.deviations * (of.vague.T @ unit)) ** 2)) if np.isfinite(of.deviations).all() else np.inf
         )
         relative = vector[those] * scale[those] / np.where(x[those] == 0.0, np.inf, x[those])
-        names = [labels[k] for k in those]
+        names = [labels[int(k)] for k in those]
         parts = dict(zip(names, vector[those] * scale[those], strict=True))
         found.append(Direction(parts, float(spread), _described(names, vector[those], relative)))
     return found

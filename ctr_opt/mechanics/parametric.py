@@ -24,8 +24,8 @@ from .sections import SAME_POINT, Configuration
 class Parametric:
     """The configuration with the ``values`` of some parameters, columns of symbols, in the place of its own.
 
-    ``probes`` are arc lengths that are to be break points; under that name they may have symbols among the values. Where the order is not known, ``clip`` keeps every break
-    point on its tube.
+    ``probes`` are arc lengths that are to be break points; under that name they may have symbols among
+    the values. Where the order is not known, ``clip`` keeps every break point on its tube.
     """
 
     def __init__(

@@ -68,8 +68,9 @@ static void state_rate(const Case *c, int step, const double *x, double *rate) {
   int node = first ? 0 : rk->stages - 1;
   while (!first && rk->nodes[node] != 1.0) node--;
   at_node(&c->track, c->columns + (size_t)k * column_size(rk), node, data);
-  if (c->flags[k] & DISTRIBUTED) rates(x, data, rate);
-  else free_rates(x, data, rate);
+  double by_parts[INNER], outer[OUTER]; /* not `rates`: the compiler makes it part of `advance`, its only user */
+  if (c->flags[k] & DISTRIBUTED) slopes(x, data, rate, by_parts, outer);
+  else free_slopes(x, data, rate, by_parts, outer);
 }
 
 /* Predictions at a probe: at the end of a step before any load there, or at the entry (step -1). */

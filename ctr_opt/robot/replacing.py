@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import attrs
 import numpy as np
@@ -37,7 +37,7 @@ def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
             else:
                 tubes[i] = _with_piece(tubes[i], int(found[2]), field, value)
     for i, fields in own.items():
-        tubes[i] = attrs.evolve(tubes[i], **fields)
+        tubes[i] = attrs.evolve(tubes[i], **cast(Any, fields))
     pose = robot.base_pose
     if "base.translation" in values or "base.rotation" in values:
         pose = moved(pose, values.get("base.translation", np.zeros(3)), values.get("base.rotation", np.zeros(3)))
@@ -51,9 +51,9 @@ def loads_with(loads: Sequence[Load], values: Mapping[str, Any]) -> tuple[Load, 
         if found := _LOAD.fullmatch(name):
             k, field = int(found[1]), found[2]
             old = getattr(changed[k], field)
-            given = float(value) if np.ndim(value) == 0 else value
-            new = LoadTable(old.arc_length, given) if isinstance(old, LoadTable) else given
-            changed[k] = attrs.evolve(changed[k], **{field: new})
+            given: Any = float(value) if np.ndim(value) == 0 else value
+            new: Any = LoadTable(old.arc_length, given) if isinstance(old, LoadTable) else given
+            changed[k] = attrs.evolve(cast(Any, changed[k]), **{field: new})
     return tuple(changed)
 
 
@@ -73,5 +73,5 @@ def _with_piece(tube: Tube, k: int, field: str, value: Any) -> Tube:
     if field == "length" and isinstance(piece, SampledCurvature):
         pieces[k] = attrs.evolve(piece, arc_length=piece.arc_length * (float(value) / piece.length))
     else:
-        pieces[k] = attrs.evolve(piece, **{field: float(value) if field == "length" else value})
+        pieces[k] = attrs.evolve(cast(Any, piece), **{field: float(value) if field == "length" else value})
     return attrs.evolve(tube, precurvature=tuple(pieces))

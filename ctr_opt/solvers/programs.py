@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 import attrs
 import casadi as ca
 import numpy as np
-from scipy.sparse import csc_matrix
 
 from ..robot.checks import Array
 from .ipopt import _LOCK
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
 
 _ENDS = ("Solve_Succeeded", "Search_Direction_Becomes_Too_Small", "Solved_To_Acceptable_Level")
 """How IPOPT ends at an answer: as wanted, or where rounding errors leave nothing to gain."""
@@ -60,7 +62,7 @@ class ProgramPoint:
     message: str
 
 
-class _Callback(ca.Callback):  # type: ignore[misc]
+class _Callback(ca.Callback):
     """A function of CasADi's whose outputs are computed in numbers."""
 
     def __init__(
@@ -87,7 +89,7 @@ class _Callback(ca.Callback):  # type: ignore[misc]
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return self._outputs[i]
 
-    def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
+    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
         try:
             values = self._values(*(np.asarray(each.full())[:, 0] for each in arguments))
         except BaseException as error:  # IPOPT would print it and go on: kept until it has ended
@@ -131,7 +133,7 @@ def solve_program(
     def hessian(x: Array, _: Array, factor: Array, __: Array) -> list[Any]:
         return [factor[0] * at(x).hessian]
 
-    def after(*arguments: Array) -> list[Any]:
+    def after(*_: Array) -> list[Any]:
         steps.append(0)
         if progress is not None:
             progress(len(steps))
@@ -182,7 +184,9 @@ def solve_program(
     }
     if progress is not None:
         watched = [dense(size, 1), dense(1, 1), dense(count, 1), dense(size, 1), dense(count, 1), dense(0, 1)]
-        options["iteration_callback"] = _Callback("watch", [each.numel() for each in watched], [dense(1, 1)], after_or_stop, caught)
+        options["iteration_callback"] = _Callback(
+            "watch", [each.numel() for each in watched], [dense(1, 1)], after_or_stop, caught
+        )
     with _LOCK:
         solver = ca.nlpsol("estimation", "ipopt", {"x": x, "f": objective, "g": constraints}, options)
         result = solver(x0=start, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)

@@ -171,8 +171,8 @@ class Swept:
 class Discretized:
     """A parametric problem on a mesh: every section cut at ``fractions[section]``.
 
-    ``around``: the positions (and side, 0 left or 1 right) at which the data of the equations are wanted. ``marks``: the
-    break points whose positions are told by weights; default: the probes.
+    ``around``: the positions (and side, 0 left or 1 right) at which the data of the equations are wanted. ``marks``:
+    the break points whose positions are told by weights; default: the probes.
     """
 
     def __init__(
