@@ -54,7 +54,7 @@ class Linearized:
 
     def step(self) -> Array:
         """Newton's step of the base moments to the equilibrium of the model's own mesh."""
-        return -np.linalg.solve(self.residual_z, self.residual)
+        return np.asarray(-np.linalg.solve(self.residual_z, self.residual))
 
     def of(self, k: int) -> Linearized:
         """That of one experiment of a group."""
