@@ -64,6 +64,11 @@ def carrier(request: Request, ends: Array) -> int:
     return int(np.argmax(ends >= at - 1e-9 * ends.max()))
 
 
+def _jumps(request: Request) -> bool:
+    """Whether the prediction may jump where it is wanted, and is taken from one side."""
+    return request.kind == "curvature" and request.place is not None
+
+
 class GroupModel:
     """Residual and predictions of experiments with the structure of a configuration.
 
@@ -89,8 +94,14 @@ class GroupModel:
         )
         order = self.problem.sorted()
         cuts = [np.linspace(0.0, 1.0, steps + 1)] * order.sections
-        around = [(k, 1) for k in range(order.sections)] + [(order.sections, 0)] if self._curved else []
-        self._discretized = Discretized(self.problem, order, cuts, around, marks=self._marks())
+        self._sections = order.sections if self._curved else 0
+        around = [(k, 1) for k in range(self._sections)] + [(k + 1, 0) for k in range(self._sections)]
+        marks = self._marks()
+        ends = [self.problem.parametric.tube_end(r.tube) for r in self.requests if _jumps(r)]
+        sides = list(zip([mark for mark, r in marks if _jumps(r)], ends, strict=True))
+        self._discretized = Discretized(
+            self.problem, order, cuts, around, marks=[mark for mark, r in marks if not _jumps(r)], sides=sides
+        )
         scales = configuration.scales
         self.unit: Array = scales.unknowns(configuration.tube_count, configuration.kind.live)
         self.unknowns = len(self.unit)
@@ -99,14 +110,14 @@ class GroupModel:
     def _curved(self) -> bool:
         return any(request.kind == "curvature" for request in self.requests)
 
-    def _marks(self) -> list[Any]:
-        """The break points where predictions are wanted, but for the tip."""
+    def _marks(self) -> list[tuple[Any, Request]]:
+        """The break points where predictions are wanted, but for the tip, and which."""
         marks, probe = [], 0
         for request in self.requests:
             if isinstance(request.place, Distal):
-                marks.append(self.problem.parametric.tube_end(request.place.tube))
+                marks.append((self.problem.parametric.tube_end(request.place.tube), request))
             elif request.place is not None:
-                marks.append(("probe", probe))
+                marks.append((("probe", probe), request))
                 probe += 1
         return marks
 
@@ -135,29 +146,30 @@ class GroupModel:
     def _values(self, swept: Any) -> list[Any]:
         configuration = self.configuration
         tubes, length = configuration.tube_count, configuration.scales.length
-        found, mark = [], 0
+        found, mark, side = [], 0, 0
         for request in self.requests:
             if request.kind == "torque":
                 found.append(-swept.z[2 + (request.tube or 0)] * configuration.scales.moment)
                 continue
+            if request.kind == "curvature":
+                weights = None if request.place is None else swept.sides[:, side]
+                found.append(self._curvature(swept, weights, request.tube))
+                side += int(_jumps(request))
+                continue
             if request.place is None:
-                vector, weights = swept.left[:, -1], None
+                vector = swept.left[:, -1]
             else:
-                weights = swept.weights[:, mark]
-                vector, mark = swept.right @ weights, mark + 1
+                vector, mark = swept.right @ swept.weights[:, mark], mark + 1
             state = State.split(vector, tubes)
-            if request.kind == "pose":
-                angle = state.angles[carrier(request, configuration.tube_ends)]
-                found += [state.position * length, ca.vec(material_frame(state.orientation, angle))]
-            else:
-                found.append(self._curvature(swept, vector, weights, request.tube))
+            angle = state.angles[carrier(request, configuration.tube_ends)]
+            found += [state.position * length, ca.vec(material_frame(state.orientation, angle))]
         return found
 
-    def _curvature(self, swept: Any, vector: Any, weights: Any, tube: int | None) -> Any:
-        """``u_x, u_y`` in a tube's frame, and the tube's own ``u_z``, 1/m."""
-        places = list(swept.locals.values())
-        last = len(places) - 1
-        local = places[-1] if weights is None else ca.horzcat(*places) @ weights[: last + 1]
+    def _curvature(self, swept: Any, weights: Any, tube: int | None) -> Any:
+        """``u_x, u_y`` in a tube's frame, and the tube's own ``u_z``, 1/m; ``weights`` of sides, None at the tip."""
+        places = ca.horzcat(*swept.locals.values())
+        states = ca.horzcat(swept.right[:, : self._sections], swept.left)
+        vector, local = (each[:, -1] if weights is None else each @ weights for each in (states, places))
         bent, twisted, _, _ = self.problem.functions.local(vector, local)
         angle = State.split(vector, self.configuration.tube_count).angles[tube]
         c, s = ca.cos(angle), ca.sin(angle)

@@ -7,6 +7,7 @@ sorted by expressions they are symbols, zero or one, and the order is then part 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import attrs
@@ -58,6 +59,18 @@ class Order:
         """One if the break point is the one of the position."""
         rank = self.ranks[key]
         return float(rank == position) if isinstance(rank, int) else rank == position
+
+    def sides(self, key: Key, end: Key, slack: float) -> Any:
+        """Weights ``(2 sections,)``, one where values at a break point are to be taken: first of the sections' starts.
+
+        Then of their ends. It is the start of the section behind all that coincides with the point, or where ``end`` is
+        reached, the end of the section before all that does.
+        """
+        s, stop = (sum(self.at(each, k) * place for k, place in enumerate(self.places)) for each in (key, end))
+        starts = [(a <= s + slack) * (b > s + slack) for a, b in pairwise(self.places)]
+        ends = [(a < s - slack) * (b >= s - slack) for a, b in pairwise(self.places)]
+        reached = stop <= s + slack
+        return ca.vertcat(*(each * (1 - reached) for each in starts), *(each * reached for each in ends))
 
     def within(self, start: Key, end: Key, section: int) -> Any:
         """One if the section lies between two break points."""

@@ -151,7 +151,8 @@ class Swept:
     """The problem on a mesh in one order, at symbols ``z`` and ``theta``: states at the positions, and the residual.
 
     ``right (size, positions)`` are the states behind the positions, ``left`` those before them, from the second on;
-    ``weights (positions, marks)`` are one where a mark, mostly a probe, stands.
+    ``weights (positions, marks)`` are one where a mark, mostly a probe, stands; ``sides (2 sections, asked)`` are those
+    of :meth:`Order.sides <ctr_opt.mechanics.ordering.Order.sides>`.
     """
 
     z: Any
@@ -166,13 +167,15 @@ class Swept:
     straightening_energy: Any
     locals: dict[tuple[int, int], Any]
     weights: Any
+    sides: Any
 
 
 class Discretized:
     """A parametric problem on a mesh: every section cut at ``fractions[section]``.
 
     ``around``: the positions (and side, 0 left or 1 right) at which the data of the equations are wanted. ``marks``:
-    the break points whose positions are told by weights; default: the probes.
+    the break points whose positions are told by weights; default: the probes. ``sides``: pairs of a break point and
+    the end of a tube, for values that jump.
     """
 
     def __init__(
@@ -184,6 +187,7 @@ class Discretized:
         *,
         integrals: bool = False,
         marks: Sequence[Key] | None = None,
+        sides: Sequence[tuple[Key, Key]] = (),
     ) -> None:
         self.problem = problem
         self.order = order
@@ -203,8 +207,10 @@ class Discretized:
         probes = [key for key in order.ranks if key[0] == "probe"] if marks is None else marks
         weights = [ca.vertcat(*(order.at(key, k) for k in range(order.sections + 1))) for key in probes]
         energy = data.straightening_energy if integrals else ca.SX(0)
+        slack = SLACK * problem.configuration.length
+        beside = [order.sides(*pair, slack) for pair in sides]
         outputs = [columns, data.entry(total), slopes, energy, ca.horzcat(*local)]
-        self.data = self._function(data, [*outputs, ca.horzcat(*weights)])
+        self.data = self._function(data, [*outputs, ca.horzcat(*weights), ca.horzcat(*beside)])
 
     @staticmethod
     def _local(data: ParametricColumns, position: int, side: int) -> Any:
@@ -238,7 +244,7 @@ class Discretized:
     def swept(self, z: Any, theta: Any) -> Swept:
         """States and residual at MX symbols."""
         functions = self.problem.functions
-        columns, entry, slopes, energy, around, weights = self.data(theta)
+        columns, entry, slopes, energy, around, weights, sides = self.data(theta)
         start, after, before = self.sweep(z, entry, columns)
         begins = ca.horzcat(start, after)
         positions = self.ends.tolist()
@@ -256,6 +262,7 @@ class Discretized:
             energy,
             local,
             weights,
+            sides,
         )
 
 
