@@ -57,7 +57,8 @@ def arc_length(shape, place):
 
 
 def fibre(shape, tube, s):
-    """Curvature in a tube's own frame, and its torsion."""
+    """Curvature in a tube's own frame, and its torsion; at its end the limit from within it."""
+    s = min(s, arc_length(shape, ctr.Distal(tube)) - 1e-11)
     bent, angle = shape.curvature(s)[:2], shape.tube_angle(tube, s)
     c, d = np.cos(angle), np.sin(angle)
     return np.array([c * bent[0] + d * bent[1], c * bent[1] - d * bent[0], shape.torsion(tube, s)])

@@ -21,7 +21,7 @@ def misfits(robot, data, compiled=False):
 @COMPILED
 @pytest.mark.parametrize("tubes", [1, 2, 3])
 def test_positions_and_poses_are_those_of_shapes(tubes, compiled):
-    """At the entry, inside, at tubes' ends, at the tip; two discretizations, 1e-10 m and rad apart."""
+    """At the entry, inside, at tubes' ends, at the tip; two discretizations, 2e-9 m and rad apart."""
     robot, rng = small_robot(tubes), np.random.default_rng(tubes)
     data = []
     for actuation in actuations(rng, robot, 2):
@@ -37,19 +37,20 @@ def test_positions_and_poses_are_those_of_shapes(tubes, compiled):
             ctr.PoseMeasurement(ctr.Distal(last), shape.pose(ends[last], last), sigma=1.0),
             ctr.PoseMeasurement(None, shape.tip_pose, sigma=1.0),
             ctr.TangentMeasurement(0.023, shape.pose(0.023)[:3, 2], sigma=1.0),
-            ctr.TorqueMeasurement(last, shape.actuator_wrench(last)[1], sigma=1e-3),
+            ctr.TorqueMeasurement(last, shape.actuator_wrench(last)[1], sigma=1e-2),
         ]
         data.append(ctr.Experiment(actuation, shape.loads, measurements))
     for misfit in misfits(robot, data, compiled):
-        np.testing.assert_allclose(misfit, 0.0, atol=1e-10)
+        np.testing.assert_allclose(misfit, 0.0, atol=5e-9)
 
 
 @pytest.mark.parametrize("tubes", [1, 2, 3])
 def test_curvatures_are_those_of_shapes(tubes):
-    """In every tube's own frame, on both sides of where others end, at the entry and the tube's end; 1e-7 of 10/m."""
+    """In every tube's own frame, on both sides of where others end, at the entry, at its end and under a moment at the tip; 1e-7 of 10/m."""
     robot, rng = small_robot(tubes), np.random.default_rng(tubes)
     (actuation,) = actuations(rng, robot, 1)
-    shape = solve(robot, actuation, [ctr.PointWrench(0.3 * rng.normal(size=3))], 1e-11)
+    loads = [ctr.PointWrench(0.3 * rng.normal(size=3), [2e-3, -1e-3, 1e-3])]
+    shape = solve(robot, actuation, loads, 1e-11)
     ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
     measurements = []
     for tube, end in enumerate(ends):
@@ -57,9 +58,9 @@ def test_curvatures_are_those_of_shapes(tubes):
         told = [fibre(shape, tube, each) for each in s]
         measurements.append(ctr.CurvatureMeasurement(s, told, sigma=1.0, tube=tube))
         measurements.append(ctr.CurvatureMeasurement(s[1], told[1][:2], sigma=1.0, tube=tube))
-    innermost = fibre(shape, 0, shape.length)
-    measurements.append(ctr.CurvatureMeasurement(None, innermost, sigma=1.0))
-    measurements.append(ctr.CurvatureMeasurement(ctr.Distal(0), innermost, sigma=1.0))
+        at_end = fibre(shape, tube, end)
+        measurements.append(ctr.CurvatureMeasurement([ctr.Distal(tube), end], [at_end] * 2, sigma=1.0, tube=tube))
+    measurements.append(ctr.CurvatureMeasurement(None, fibre(shape, 0, shape.length), sigma=1.0))
     for misfit in misfits(robot, [ctr.Experiment(actuation, shape.loads, measurements)]):
         np.testing.assert_allclose(misfit, 0.0, atol=1e-6)
 
@@ -73,7 +74,7 @@ def test_the_innermost_tube_of_each_experiment(compiled):
         measured = [ctr.PoseMeasurement(s, shape.pose(shape.length if s is None else s), 1.0) for s in (None, 0.055)]
         data.append(ctr.Experiment(actuation, [], measured))
     for misfit in misfits(robot, data, compiled):
-        np.testing.assert_allclose(misfit, 0.0, atol=1e-10)
+        np.testing.assert_allclose(misfit, 0.0, atol=5e-9)
 
 
 def predicted(frame=None, position=(0.0, 0.0, 0.0), slopes=None):
@@ -116,7 +117,7 @@ def test_tangents_and_their_slopes(angle):
             measurement.compare([predicted(Rotation.from_rotvec(sign * turn).as_matrix() @ frame)])[0][0]
             for sign in (1, -1)
         )
-        np.testing.assert_allclose(slopes[0][:, 3 + k], (after - before) / 2e-5, rtol=0.0, atol=1e-8)
+        np.testing.assert_allclose(slopes[0][:, 3 + k], (after - before) / 2e-5, rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(np.linalg.norm(slopes[0][:, 3:] @ axis), 1.0, rtol=1e-9)
     np.testing.assert_array_equal(slopes[0][:, :3], 0.0)
 
