@@ -176,7 +176,7 @@ def solve_program(
             "print_level": 0,
             "sb": "yes",
             "tol": tolerance,
-            "acceptable_iter": 0,
+            "acceptable_iter": 3,
             "max_iter": iterations,
             "mu_init": 1e-6,
             "nlp_scaling_method": "none",
