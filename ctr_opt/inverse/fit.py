@@ -199,13 +199,19 @@ class Fit:
 
     @cached_property
     def chi_squared(self) -> float:
-        """Sum of the squared residuals over the given noise's variances (of mm, mrad and so on if none was given)."""
-        return float(sum(each.misfit @ each.misfit for each in self._linearized))
+        """Sum of the squared residuals over the given noise's variances, and of the deviations from priors over theirs.
+
+        Where no noise level was given, of the residuals alone, in mm, mrad and so on.
+        """
+        priors = 2.0 * self._estimation.prior_cost(self._found.x) if self._estimation.scaled else 0.0
+        return float(sum(each.misfit @ each.misfit for each in self._linearized)) + priors
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Numbers measured less parameters determined by them."""
+        """Numbers measured, and known by priors, less parameters determined by them."""
         numbers = sum(len(each.misfit) for each in self._linearized)
+        if self._estimation.scaled:
+            numbers += int(np.isfinite(self._estimation.unknowns.prior[1]).sum())
         return int(max(numbers - self._determined.known.shape[1], 0))
 
     @property
