@@ -125,7 +125,9 @@ def test_no_equilibrium_to_start_from(method):
     """A force by which an infinite spring pushes away: there is none; the experiment is named."""
     away = ctr.PotentialLoad(lambda p: -1e6 * (p[0] ** 2 + p[1] ** 2 + p[2] ** 4), arc_length=None)
     data = [*DATA, attrs.evolve(DATA[0], loads=[away], name="pushed away")]
-    with pytest.raises(ctr.EstimationError, match="the initial parameters have no equilibrium in experiment pushed away"):
+    with pytest.raises(
+        ctr.EstimationError, match="the initial parameters have no equilibrium in experiment pushed away"
+    ):
         problem(data=data).solve(method=method)
 
 
@@ -152,7 +154,7 @@ def test_labels():
     assert fit.labels[6:8] == [f"tubes[0].precurvature[1].coefficients[0, {i}]" for i in range(2)]
 
 
-# -- reports and figures -------------------------------------------------------------------------------------------------
+# -- reports and figures ----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +162,7 @@ def mixed():
     """A fit to measurements of every kind, with a common factor and an experiment that does not fit."""
     data = experiments(ROBOT, 6, 3, every_kind, size=1.0)
     shape = solve(ROBOT, data[4].actuation, data[4].loads)
-    wrong = Position(None, shape.tip_position + [0.02, 0.0, 0.0], sigma=NOISE["position"])
+    wrong = Position(None, shape.tip_position + np.array([0.02, 0.0, 0.0]), sigma=NOISE["position"])
     data[4] = attrs.evolve(data[4], measurements=[wrong, *data[4].measurements], name="knocked")
     factor = Parameter("common_stiffness", tied=[EI, "tubes[1].bending_stiffness"])
     names = [factor, "base.translation", "base.rotation", "tubes[0].rotation_offset"]
@@ -197,7 +199,9 @@ def test_reports_tell_everything(mixed):
 def test_units_of_reports():
     """The table's numbers are those of the fit, in its units."""
     fit = problem(["base.translation", "base.rotation", EI, "tubes[1].precurvature[1].length"]).nominal()
-    lines = {line.split()[0]: line for line in fit.report().splitlines() if line.strip().startswith(("base.", "tubes["))}
+    lines = {
+        line.split()[0]: line for line in fit.report().splitlines() if line.strip().startswith(("base.", "tubes["))
+    }
     assert lines["base.translation.x"].rstrip().endswith("mm")
     assert lines["base.rotation.z"].rstrip().endswith("deg")
     assert lines[EI].rstrip().endswith("N m^2")

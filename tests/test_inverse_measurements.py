@@ -46,7 +46,7 @@ def test_positions_and_poses_are_those_of_shapes(tubes, compiled):
 
 @pytest.mark.parametrize("tubes", [1, 2, 3])
 def test_curvatures_are_those_of_shapes(tubes):
-    """In every tube's own frame, on both sides of where others end, at the entry, at its end and under a moment at the tip; 1e-7 of 10/m."""
+    """In every tube's own frame: at the entry, on both sides of where others end, at its end; 1e-7 of 10/m."""
     robot, rng = small_robot(tubes), np.random.default_rng(tubes)
     (actuation,) = actuations(rng, robot, 1)
     loads = [ctr.PointWrench(0.3 * rng.normal(size=3), [2e-3, -1e-3, 1e-3])]
@@ -84,7 +84,7 @@ def predicted(frame=None, position=(0.0, 0.0, 0.0), slopes=None):
 
 @pytest.mark.parametrize("angle", [1e-9, 1e-5, 3e-4, 0.5, 2.0, 3.1])
 def test_rotation_vectors_and_their_slopes(angle):
-    """``log(predicted measured^T)``, in the world's axes; slopes against turns of 1e-5: 1e-10, and rounding over 1e-5."""
+    """``log(predicted measured^T)``, in the world's axes; slopes against turns of 1e-5: 1e-10, and rounding."""
     axis = np.array([0.6, -0.48, 0.64])
     measured = Rotation.from_rotvec([0.3, 0.2, -1.0]).as_matrix()
     frame = Rotation.from_rotvec(angle * axis).as_matrix() @ measured

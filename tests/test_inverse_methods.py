@@ -51,7 +51,7 @@ def test_exact_data_give_the_truth(robot, loss, method):
     if loss == "squared":
         data, names, off = with_points(data, sigma=1e-5), [*names, CURVATURE], off | {CURVATURE: 1.3}
         truth += list(robot.tubes[1].precurvature[1].curvature)
-    problem = ctr.CalibrationProblem(off_by(robot, off), data, names, loss=loss, tolerance=1e-9)
+    problem = ctr.CalibrationProblem(off_by(robot, off), data, names, loss=loss, tolerance=1e-9, compiled=True)
     fit = problem.solve(method=method)
     assert fit.method == method
     scale = fit.estimation.unknowns.scale
@@ -69,7 +69,7 @@ def test_exact_data_of_every_kind_give_the_truth(method):
     true = robot_with(off_by(robot, {f"tubes[{i}].bending_stiffness": 1.2 for i in range(3)}), moved)
     data = experiments(true, 6, 4, every_kind, noise=False, size=1.0)
     force = np.array(data[1].loads[0].force)
-    wrong = ctr.Actuation(data[2].actuation.rotations + [0.1, -0.1, 0.05], data[2].actuation.translations)
+    wrong = ctr.Actuation(data[2].actuation.rotations + np.array([0.1, -0.1, 0.05]), data[2].actuation.translations)
     data[1] = ctr.Experiment(data[1].actuation, [ctr.PointWrench(0.7 * force)], data[1].measurements)
     data[2] = ctr.Experiment(wrong, data[2].loads, data[2].measurements)
     factor = ctr.Parameter("bending", tied=[f"tubes[{i}].bending_stiffness" for i in range(3)])
@@ -109,17 +109,19 @@ def test_diameters_that_must_not_cross(robot, method, compiled):
     np.testing.assert_allclose(flat(fit.values), [0.7e-3, 1.6e-3], rtol=1e-6)
 
 
-# -- priors and bounds ---------------------------------------------------------------------------------------------------
+# -- priors and bounds ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_narrow_prior_is_the_answer(robot, noisy, method):
     """A millionth of the data's own error: they move it by 1e-12 of that, and its error is the prior's to 1e-6."""
-    free = ctr.CalibrationProblem(robot, noisy, STIFFNESSES).solve(method=method)
+    free = ctr.CalibrationProblem(robot, noisy, STIFFNESSES, compiled=True).solve(method=method)
     name, other = STIFFNESSES
     sigma = 1e-4 * free.standard_errors[name]
     mean = 1.1 * robot.tubes[0].bending_stiffness
-    fit = ctr.CalibrationProblem(robot, noisy, [ctr.Parameter(name, prior=(mean, sigma)), other]).solve(method=method)
+    fit = ctr.CalibrationProblem(robot, noisy, [ctr.Parameter(name, prior=(mean, sigma)), other], compiled=True).solve(
+        method=method
+    )
     assert abs(fit.values[name] - mean) < 1e-2 * sigma
     np.testing.assert_allclose(fit.standard_errors[name], sigma, rtol=1e-6)
     assert fit.standard_errors[other] < 1.02 * free.standard_errors[other]  # at another value, though
@@ -128,12 +130,13 @@ def test_a_narrow_prior_is_the_answer(robot, noisy, method):
 @pytest.mark.parametrize("method", METHODS)
 def test_a_prior_is_a_measurement(robot, noisy, method):
     """Of a translation, in which the problem is linear: weighted means, exactly."""
-    free = ctr.CalibrationProblem(robot, noisy, ["base.translation"]).solve(method=method)
+    free = ctr.CalibrationProblem(robot, noisy, ["base.translation"], compiled=True).solve(method=method)
     value, error = free.values["base.translation"], free.standard_errors["base.translation"]
     np.testing.assert_allclose(error, NOISE["position"] / np.sqrt(12.0), rtol=1e-9)  # six experiments, two points
-    mean, sigma = np.array([1e-3, -1e-3, 0.0]), np.array([1e-4, 2e-4, 5e-4])
+    sigma = np.array([1e-4, 2e-4, 5e-4])
+    mean = value + sigma * [1.0, -1.0, 0.5]
     prior = ctr.Parameter("base.translation", prior=(mean, sigma))
-    fit = ctr.CalibrationProblem(robot, noisy, [prior]).solve(method=method)
+    fit = ctr.CalibrationProblem(robot, noisy, [prior], compiled=True).solve(method=method)
     weights = np.array([error**-2, sigma**-2])
     expected = (weights * [value, mean]).sum(axis=0) / weights.sum(axis=0)
     np.testing.assert_allclose(fit.values["base.translation"], expected, rtol=0.0, atol=1e-11)
@@ -146,7 +149,7 @@ def test_bounds_are_kept_and_fits_go_on_from_there(robot, noisy, method):
     name, other = STIFFNESSES
     most = 0.7 * robot.tubes[0].bending_stiffness
     bounded = ctr.Parameter(name, bounds=(None, most), initial=0.5 * most)
-    fit = ctr.CalibrationProblem(robot, noisy, [bounded, other]).solve(method=method)
+    fit = ctr.CalibrationProblem(robot, noisy, [bounded, other], compiled=True).solve(method=method)
     assert 0.0 <= most - fit.values[name] < 1e-7 * most
     assert fit.without(0).values[name] <= most
     values, excess = fit.profile(name, count=3)
@@ -156,8 +159,10 @@ def test_bounds_are_kept_and_fits_go_on_from_there(robot, noisy, method):
 
 def test_some_numbers_of_an_array_may_be_bounded(robot, noisy):
     bounds = ([-np.inf, None, 0.0], [np.inf, None, 1.0])
-    fit = ctr.CalibrationProblem(robot, noisy, [ctr.Parameter("base.translation", bounds=bounds)]).solve()
-    free = ctr.CalibrationProblem(robot, noisy, ["base.translation"]).solve()
+    fit = ctr.CalibrationProblem(
+        robot, noisy, [ctr.Parameter("base.translation", bounds=bounds)], compiled=True
+    ).solve()
+    free = ctr.CalibrationProblem(robot, noisy, ["base.translation"], compiled=True).solve()
     assert fit.values["base.translation"][2] >= 0.0
     np.testing.assert_allclose(fit.values["base.translation"][:2], free.values["base.translation"][:2], atol=1e-9)
 
@@ -189,7 +194,7 @@ def test_what_progress_raises_ends_the_solve(robot, noisy, method, capfd):
             raise Enough
 
     with pytest.raises(Enough):
-        ctr.CalibrationProblem(robot, noisy, STIFFNESSES).solve(method=method, progress=progress)
+        ctr.CalibrationProblem(robot, noisy, STIFFNESSES, compiled=True).solve(method=method, progress=progress)
     assert capfd.readouterr() == ("", "")
 
 
@@ -199,7 +204,7 @@ def test_distances_are_the_median(method):
     robot = small_robot(1)
     data = experiments(robot, 5, 2, noise=False, loaded=False)
     shifts = NOISE["position"] * norm.ppf([0.05, 0.4, 0.5, 0.7, 0.99])
-    data = with_points(data, lambda position, k: position + [shifts[k], 0.0, 0.0])
-    fit = ctr.CalibrationProblem(robot, data, ["base.translation"], loss="distance").solve(method=method)
+    data = with_points(data, lambda position, k: position + np.array([shifts[k], 0.0, 0.0]))
+    fit = ctr.CalibrationProblem(robot, data, ["base.translation"], loss="distance", compiled=True).solve(method=method)
     # the smoothing, 1e-2 of the noise, takes part of the difference of its neighbours' pulls, which is zero here
     np.testing.assert_allclose(fit.values["base.translation"], [shifts[2], 0.0, 0.0], rtol=0.0, atol=1e-8)

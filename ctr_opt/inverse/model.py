@@ -97,7 +97,7 @@ class GroupModel:
         self._sections = order.sections if self._curved else 0
         around = [(k, 1) for k in range(self._sections)] + [(k + 1, 0) for k in range(self._sections)]
         marks = self._marks()
-        ends = [self.problem.parametric.tube_end(r.tube) for r in self.requests if _jumps(r)]
+        ends = [self.problem.parametric.tube_end(r.tube or 0) for r in self.requests if _jumps(r)]
         sides = list(zip([mark for mark, r in marks if _jumps(r)], ends, strict=True))
         self._discretized = Discretized(
             self.problem, order, cuts, around, marks=[mark for mark, r in marks if not _jumps(r)], sides=sides
