@@ -49,6 +49,7 @@ MESSAGES = {
     "pose of another row": (lambda: Pose(None, np.eye(4)[::-1]), ["pose"]),
     "pose of a scale": (lambda: Pose(None, np.diag([1.0, 1.0, 1.0, 2.0])), ["pose", "last row"]),
     "pose of no tube": (lambda: Pose(None, np.eye(4), tube="inner"), ["tube", "'inner'"]),
+    "axes of a tangent": (lambda: Tangent(None, [0, 0, 1], [0.1, 0.2]), ["sigma", "[0.1, 0.2]", "must be a number"]),
     "no direction": (lambda: Tangent(None, [0.0, 0.0, 0.0]), ["direction", "zero"]),
     "curvature of four": (lambda: Curvature(0.1, [1.0, 2.0, 3.0, 4.0]), ["curvature", "(1, 4)", "(1, 2)"]),
     "torque as text": (lambda: Torque(0, "much"), ["torque", "'much'", "N m"]),
