@@ -75,7 +75,8 @@ class CalibrationProblem:
         tolerance: float = 1e-7,
         compiled: bool | None = None,
     ) -> None:
-        self.parameters = list(parameters) if not isinstance(parameters, (str, Parameter)) else parameters
+        plain = parameters is None or isinstance(parameters, (str, Parameter))
+        self.parameters = parameters if plain else list(parameters)
         accepted = number(tolerance, "tolerance", least=1e-11, most=1e-2)
         wanted = compiled if compiled is None else flag(compiled, "compiled")
         self._estimation = Estimation(robot, experiments, self.parameters, loss, accepted, wanted)

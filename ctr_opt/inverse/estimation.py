@@ -24,7 +24,7 @@ from .comparison import Comparison
 from .compiled_model import CompiledModel, compilable
 from .experiment import Experiment
 from .losses import LOSSES, Loss
-from .measurements import Predicted
+from .measurements import Distal, Predicted
 from .model import GroupModel, structure
 from .parameters import Parameter, Unknowns
 
@@ -51,6 +51,10 @@ class Linearized:
     def reduced(self) -> Array:
         """Slopes of the misfit by the unknowns, the robot staying in equilibrium: implicit-function theorem."""
         return np.asarray(self.misfit_x - self.misfit_z @ np.linalg.solve(self.residual_z, self.residual_x))
+
+    def step(self) -> Array:
+        """Newton's step of the base moments to the equilibrium of the model's own mesh."""
+        return np.asarray(-np.linalg.solve(self.residual_z, self.residual))
 
     def of(self, k: int) -> Linearized:
         """That of one experiment of a group."""
@@ -113,6 +117,7 @@ class Estimation:
         self.compiled = compiled
         self.unknowns = Unknowns(robot, [(each.actuation, each.loads) for each in self.experiments], wanted)
         self.wanted = self.unknowns.given
+        self._check_places()
         scaled = {measurement.scaled for each in self.experiments for measurement in each.measurements}
         if scaled == {True, False}:
             raise DefinitionError("sigma: give it for all measurements, or for none")
@@ -122,6 +127,25 @@ class Estimation:
         self.layouts = self._layouts()
         self.losses = {size: Loss(self.loss, size) for size in {b[1] for each in self.layouts for b in each.blocks}}
         self.models: list[Group] = []
+
+    def _check_places(self) -> None:
+        """Refuse measurements where, with the initial values, no robot is, or not the tube that is meant."""
+        initial = self.unknowns.initial
+        lengths = np.array([tube.length for tube in self.unknowns.robot_at(initial).tubes])
+        for k, each in enumerate(self.experiments):
+            ends = lengths + self.unknowns.experiment_at(initial, k)[0].translations
+            for j, measurement in enumerate(each.measurements):
+                for request in measurement.requests:
+                    place, tube = request.place, request.tube if request.kind != "torque" else None
+                    s = ends.max() if place is None else ends[place.tube] if isinstance(place, Distal) else place
+                    end = ends.max() if tube is None else ends[tube]
+                    if s < 0.0 or s > end + 1e-9 * ends.max():
+                        whose = "the robot" if tube is None else f"tube {tube}"
+                        raise DefinitionError(
+                            f"experiment {each.name or k}: measurements[{j}] is at s = {s:g} m, but {whose} reaches "
+                            "from "
+                            f"0 to {end:g} m there"
+                        )
 
     def of(self, experiments: Sequence[Experiment], wanted: Iterable[str]) -> Estimation:
         """The same of other experiments, with the parameters' own priors, bounds and scales."""
@@ -279,7 +303,7 @@ class Estimation:
 def _checked(robot: Any, experiments: Any) -> list[Experiment]:
     if not isinstance(robot, Robot):
         raise DefinitionError(f"robot = {robot!r} must be a Robot")
-    given = list(experiments)
+    given = [experiments] if isinstance(experiments, Experiment) else list(experiments or ())
     if not given:
         raise DefinitionError("experiments = [] must hold at least one experiment")
     for k, each in enumerate(given):

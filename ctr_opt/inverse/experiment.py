@@ -12,8 +12,15 @@ from ..robot.loads import LOADS, Load
 from .measurements import MEASUREMENTS, Measurement, Request
 
 
+def _several(value: Any, field: str) -> tuple[Any, ...]:
+    try:
+        return tuple(value)
+    except TypeError:
+        raise DefinitionError(f"{field} = {value!r} must be a list of them") from None
+
+
 def _loads(value: Any) -> tuple[Load, ...]:
-    given = (value,) if isinstance(value, LOADS) else tuple(value)
+    given = (value,) if isinstance(value, LOADS) else _several(value, "loads")
     for k, load in enumerate(given):
         if not isinstance(load, LOADS):
             raise DefinitionError(f"loads[{k}] = {load!r} must be a load")
@@ -21,7 +28,7 @@ def _loads(value: Any) -> tuple[Load, ...]:
 
 
 def _measurements(value: Any) -> tuple[Measurement, ...]:
-    given = (value,) if isinstance(value, MEASUREMENTS) else tuple(value)
+    given = (value,) if isinstance(value, MEASUREMENTS) else _several(value, "measurements")
     if not given:
         raise DefinitionError("measurements = [] must hold at least one measurement")
     for k, each in enumerate(given):

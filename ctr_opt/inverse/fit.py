@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from ..errors import DefinitionError, EstimationError
-from ..robot.checks import Array, index
+from ..robot.checks import Array
 from ..robot.robot import Robot
 from .estimation import Estimation, Linearized
 from .reduced import Found, solve_reduced
@@ -268,7 +268,7 @@ class Fit:
         label
             One of :attr:`labels`.
         count, width
-            So many values, as far as ``width`` standard errors from the estimate.
+            So many values, as far as ``width`` standard errors from the estimate, or to its bounds.
 
         Returns
         -------
@@ -282,7 +282,9 @@ class Fit:
         error = float(np.sqrt(self.covariance[k, k]))
         if not np.isfinite(error):
             raise EstimationError(f"{label} is not determined, so that it has no profile")
-        values = self._found.x[k] + error * np.linspace(-width, width, count)
+        lower, upper = (bound[k] for bound in self._estimation.unknowns.bounds)
+        x = self._found.x[k]
+        values = np.linspace(max(x - width * error, lower), min(x + width * error, upper), count)
         costs = []
         for value in values:
             x = self._found.x.copy()
@@ -294,20 +296,28 @@ class Fit:
 
     def without(self, experiments: Sequence[int] | int) -> Fit:
         """The fit to the other experiments, from here: leave one out, or a block, to hold it out."""
-        dropped = [experiments] if isinstance(experiments, (int, np.integer)) else list(experiments)
-        for k in dropped:
-            index(k, "experiments", len(self._estimation.experiments))
+        dropped = self._numbered(experiments)
         kept = [k for k in range(len(self._estimation.experiments)) if k not in dropped]
         return self._again(kept)
 
-    def errors_without(self, experiments: Sequence[int]) -> list[Residual]:
+    def _numbered(self, experiments: Sequence[int] | int) -> list[int]:
+        """The numbers of experiments that there are."""
+        count = len(self._estimation.experiments)
+        given = [experiments] if np.ndim(experiments) == 0 else list(experiments)  # type: ignore[arg-type]
+        for k in given:
+            if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not 0 <= k < count:
+                raise DefinitionError(f"experiments: {k!r} must be the number of an experiment from 0 to {count - 1}")
+        return [int(k) for k in given]  # type: ignore[arg-type]
+
+    def errors_without(self, experiments: Sequence[int] | int) -> list[Residual]:
         """The residuals of experiments that a fit to the others predicts: a hold-out."""
-        other = self.without(experiments)
-        held = [self._estimation.experiments[k] for k in experiments]
+        numbers = self._numbered(experiments)
+        other = self.without(numbers)
+        held = [self._estimation.experiments[k] for k in numbers]
         tested = self._estimation.of(held, [entry.name for entry in self._estimation.unknowns.entries])
         moments = [each.unknowns for each in tested.equilibria(other._found.x)]
         shown = Fit(tested, attrs.evolve(other._found, moments=moments), self.method)
-        return [attrs.evolve(each, experiment=experiments[each.experiment]) for each in shown.residuals]
+        return [attrs.evolve(each, experiment=numbers[each.experiment]) for each in shown.residuals]
 
     def bootstrap(self, repetitions: int = 200, *, seed: int = 0) -> Array:
         """Estimates from experiments drawn again with replacement, ``(repetitions, len(labels))``."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .fit_report import point_errors, unit_of
+from .fit_report import is_point, point_errors, unit_of
 from .uncertainty import symbol
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def plot_histogram(fit: Fit, ax: Axes | None = None, *, where: str | None = None
 def plot_residuals(fit: Fit, ax: Axes | None = None) -> Axes:
     """Residuals of measured points against arc length, an axis each."""
     ax = _axes(ax)
-    points = [each for each in fit.residuals if len(each.value) == 3]
+    points = [each for each in fit.residuals if is_point(fit, each)]
     s = 1e3 * np.array([each.arc_length for each in points])
     for axis, name in enumerate("xyz"):
         ax.plot(s, [1e3 * each.value[axis] for each in points], ".", markersize=4, alpha=0.6, label=name)

@@ -97,8 +97,9 @@ def parameter_table(fit: Fit) -> list[str]:
     values = np.concatenate([np.ravel(each) for each in fit.values.values()])
     errors = np.concatenate([np.ravel(each) for each in fit.standard_errors.values()])
     lines = [f"  {'parameter':<36}{'start':>12}{'estimate':>14}{'+-':>12}   {'unit':<6}"]
+    factors = {entry.name for entry in unknowns.entries if entry.factors is not None}
     for label, start, value, error in zip(fit.labels, unknowns.initial, values, errors, strict=True):
-        factor, unit = unit_of(label)
+        factor, unit = (1.0, "") if label in factors else unit_of(label)
         told = f"{factor * value:>14.6g}{factor * error:>12.2g}" if np.isfinite(error) else f"{'not determined':>26}"
         lines.append(f"  {label:<36}{factor * start:>12.6g}{told}   {unit:<6}")
     return lines
@@ -145,13 +146,19 @@ def residual_lines(fit: Fit) -> list[str]:
     if names:
         lines += ["", "  Experiments that do not fit the others (look at them; none was left out):"]
         for name, k in zip(names, fit.outliers, strict=True):
-            own = [each for each in fit.residuals if each.experiment == k]
-            worst = max(own, key=lambda each: each.size)
-            lines.append(
-                f"    {name}: {1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, "
-                f"influence {fit.influence[k]:.2g}"
-            )
+            own = [each for each in fit.residuals if each.experiment == k and is_point(fit, each)]
+            worst = max(own, key=lambda each: each.size, default=None)
+            at = f"{1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, " if worst else ""
+            lines.append(f"    {name}: {at}influence {fit.influence[k]:.2g}")
     return lines
+
+
+def is_point(fit: Fit, residual: Residual) -> bool:
+    """Whether a residual is that of a measured point."""
+    from .measurements import PositionMeasurement
+
+    measurement = fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
+    return isinstance(measurement, PositionMeasurement)
 
 
 def point_errors(residuals: list[Residual], fit: Fit) -> dict[str, Array]:

@@ -52,10 +52,10 @@ class Loss:
         d = self.threshold
         if self.name == "distance":
             root = np.sqrt(s + d**2)
-            return root - d, 0.5 / root, -0.25 / root**3
+            return s / (root + d), 0.5 / root, -0.25 / root**3
         if self.name == "cauchy":
             grown = 1.0 + s / d**2
-            return 0.5 * d**2 * np.log(grown), 0.5 / grown, -0.5 / (d * grown) ** 2
+            return 0.5 * d**2 * np.log1p(s / d**2), 0.5 / grown, -0.5 / (d * grown) ** 2
         norm = np.sqrt(np.maximum(s, d**2))
         far = s > d**2
         return (

@@ -103,7 +103,17 @@ def _places(value: Any) -> tuple[Place, ...]:
         return tuple(item if item is None or isinstance(item, Distal) else _length(item) for item in value)
     if np.ndim(value) == 0:
         return (_length(value),)
+    if len(value) == 0:
+        raise DefinitionError("arc_length = [] must hold at least one place")
     return tuple(_length(item) for item in array(value, "arc_length", (None,), unit="m"))
+
+
+def _place(value: Any) -> tuple[Place, ...]:
+    """One place."""
+    found = _places(value)
+    if len(found) != 1:
+        raise DefinitionError(f"arc_length = {value!r} must be one place: give a measurement for each")
+    return found
 
 
 def _length(value: Any) -> float:
@@ -130,7 +140,9 @@ def whitening(sigma: Any, blocks: int, size: int, field: str = "sigma") -> Array
             f"shape ({size}, {size}) or ({blocks}, {size}, {size})"
         )
     try:
-        if not np.allclose(given, np.swapaxes(given, -1, -2), rtol=1e-6, atol=0.0):
+        deviations = np.sqrt(np.abs(np.diagonal(given, axis1=-2, axis2=-1)))
+        allowed = 1e-6 * deviations[..., :, None] * deviations[..., None, :]
+        if np.any(np.abs(given - np.swapaxes(given, -1, -2)) > allowed):
             raise np.linalg.LinAlgError
         factor = np.linalg.cholesky(given)
     except np.linalg.LinAlgError:
@@ -236,12 +248,16 @@ class PoseMeasurement(_Measured):
     (1, 6)
     """
 
-    arc_length: tuple[Place, ...] = attrs.field(converter=_places)
+    arc_length: tuple[Place, ...] = attrs.field(converter=_place)
     pose: Array = attrs.field(converter=_pose)
     sigma: Any = None
     tube: int | None = None
 
     def __attrs_post_init__(self) -> None:
+        if self.tube is not None:
+            object.__setattr__(self, "tube", index(self.tube, "tube"))
+        if np.abs(self.pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+            raise DefinitionError(f"pose: the last row {self.pose[3].tolist()} must be [0, 0, 0, 1]")
         frame = self.pose[:3, :3]
         if np.abs(frame.T @ frame - np.eye(3)).max() > 1e-6 or np.linalg.det(frame) < 0.0:
             raise DefinitionError("pose: the upper left 3 x 3 block is no rotation (allowed: 1e-6)")
@@ -298,7 +314,7 @@ class TangentMeasurement(_Measured):
     [0.0, 0.0, 1.0]
     """
 
-    arc_length: tuple[Place, ...] = attrs.field(converter=_places)
+    arc_length: tuple[Place, ...] = attrs.field(converter=_place)
     direction: Array = attrs.field(converter=_direction)
     sigma: float | None = None
 
@@ -330,9 +346,11 @@ class TangentMeasurement(_Measured):
         across, along = self._across @ tangent, float(self.direction @ tangent)
         sine = float(np.linalg.norm(across))
         moved = np.cross(slopes[3:].T, tangent).T
-        if sine < 1e-6:  # the angle is the sine, up to its third power
+        if sine < 1e-6 and along > 0.0:  # the angle is the sine, up to its third power
             return across[None], (self._across @ moved)[None]
         angle = np.arctan2(sine, along)
+        if sine < 1e-6:  # the opposite direction, half a turn about any axis
+            across, sine = np.array([1e-6, 0.0]), 1e-6
         unit = across / sine
         of_sine = unit @ self._across @ moved
         of_angle = along * of_sine - sine * (self.direction @ moved)

@@ -35,7 +35,8 @@ def structure(robot: Robot, actuation: Actuation, loads: Sequence[Load], request
     known = parameters(robot, actuation, loads)
     own = tuple(_structure(load, f"loads[{k}].", known) for k, load in enumerate(loads))
     asked = tuple((r.kind, "s" if isinstance(r.place, float) else r.place, r.tube) for r in requests)
-    return own, asked
+    ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
+    return own, asked, tuple(carrier(request, ends) for request in requests if request.kind == "pose")
 
 
 def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable:
@@ -51,6 +52,16 @@ def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable
         else:
             parts.append((field.name, value if isinstance(value, (str, int, float, bool, type(None))) else id(value)))
     return tuple(parts)
+
+
+def carrier(request: Request, ends: Array) -> int:
+    """The tube whose frame a pose is: the one that ends there, or the innermost that is there."""
+    if request.tube is not None:
+        return request.tube
+    if isinstance(request.place, Distal):
+        return request.place.tube
+    at = float(ends.max()) if request.place is None else request.place
+    return int(np.argmax(ends >= at - 1e-9 * ends.max()))
 
 
 class GroupModel:
@@ -136,23 +147,11 @@ class GroupModel:
                 vector, mark = swept.right @ weights, mark + 1
             state = State.split(vector, tubes)
             if request.kind == "pose":
-                angle = state.angles[self._carrier(request)]
+                angle = state.angles[carrier(request, configuration.tube_ends)]
                 found += [state.position * length, ca.vec(material_frame(state.orientation, angle))]
             else:
                 found.append(self._curvature(swept, vector, weights, request.tube))
         return found
-
-    def _carrier(self, request: Request) -> int:
-        """The tube whose frame is meant: the one that ends there, or the innermost, as the configuration stands."""
-        if request.tube is not None:
-            return request.tube
-        ends = self.configuration.tube_ends
-        s = request.place
-        if isinstance(s, Distal):
-            return s.tube
-        at = float(ends.max()) if s is None else s
-        slack = 1e-9 * self.configuration.length
-        return int(np.flatnonzero(ends >= at - slack)[0])
 
     def _curvature(self, swept: Any, vector: Any, weights: Any, tube: int | None) -> Any:
         """``u_x, u_y`` in a tube's frame, and the tube's own ``u_z``, 1/m."""

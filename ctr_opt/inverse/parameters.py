@@ -14,9 +14,11 @@ from ..errors import DefinitionError
 from ..robot.actuation import Actuation
 from ..robot.checks import Array, array, number
 from ..robot.loads import Load
+from ..robot.parameters import Parameter as RobotParameter
 from ..robot.parameters import chosen, parameters
 from ..robot.replacing import loads_with, robot_with
 from ..robot.robot import Robot
+from ..robot.weights import Gravity
 
 _OFFSET = re.compile(r"tubes\[(\d+)\]\.(rotation|translation)_offset")
 _OWN = re.compile(r"experiments\[(\d+)\]\.(rotations|translations|loads\[\d+\]\.\w+)")
@@ -42,7 +44,7 @@ def _bounds(value: Any) -> tuple[Any, Any] | None:
 
 
 def _names(value: Any) -> tuple[str, ...]:
-    return tuple(value)
+    return (value,) if isinstance(value, str) else tuple(value)
 
 
 @attrs.frozen
@@ -61,7 +63,7 @@ class Parameter:
         ``(mean, standard deviation)``, numbers or arrays of the parameter's shape: known before the data are seen.
     bounds
         ``(least, most)``, likewise. Default: stiffnesses, moduli, diameters and lengths stay positive, within a factor
-        of 100; angles within half a turn; others are free.
+        of 100; angles within half a turn; others are free. No translation puts a base in front of the entry point.
     initial
         Where to start; default: the robot's (or experiment's) own value, zero for offsets, one for factors.
     scale
@@ -253,28 +255,37 @@ class Unknowns:
             i, kind = int(found[1]), found[2]
             if i >= len(self.robot.tubes):
                 raise DefinitionError(f"{given.name!r}: the robot has {len(self.robot.tubes)} tubes, counted from 0")
-            scale = 1.0 if kind == "rotation" else self._length
-            return _unknown(given, np.zeros(()), (f"{kind}s[{i}]",), scale)
+            if kind == "rotation":
+                return _unknown(given, np.zeros(()), (f"rotations[{i}]",), 1.0)
+            foremost = max(float(actuation.translations[i]) for actuation, _ in self.experiments)
+            return _unknown(given, np.zeros(()), (f"translations[{i}]",), self._length, most=0.0 - foremost)
         if found := _OWN.fullmatch(given.name):
             return self._own(given, int(found[1]), found[2])
-        known = parameters(self.robot, Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes))))
-        for name in ("rotations", "translations"):
-            del known[name]
-        (found_one,) = chosen(known, [given.name])
+        (found_one,) = chosen(self._known, [given.name], "parameters")
         return _unknown(given, found_one.value, (given.name,), _scale(given.name, found_one.value, self._length))
 
     def _own(self, given: Parameter, k: int, name: str) -> Unknown:
         if k >= len(self.experiments):
             raise DefinitionError(f"{given.name!r}: there are {len(self.experiments)} experiments, counted from 0")
         actuation, loads = self.experiments[k]
-        (found,) = chosen(parameters(self.robot, actuation, loads), [name])
-        return _unknown(given, found.value, (name,), _scale(name, found.value, self._length), experiment=k)
+        known = parameters(self.robot, actuation, loads)
+        own = {f"experiments[{k}].{each}": known[each] for each in known if not each.startswith(("tubes[", "base."))}
+        (found,) = chosen(own, [given.name], "parameters")
+        most = 0.0 if name == "translations" else np.inf
+        return _unknown(given, found.value, (name,), _scale(name, found.value, self._length), experiment=k, most=most)
 
     def _tied(self, given: Parameter) -> Unknown:
-        known = parameters(self.robot, Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes))))
-        found = chosen(known, given.tied)
+        found = chosen(self._known, given.tied, f"{given.name}: tied")
         factors = tuple(np.array(each.value) for each in found)
         return _unknown(given, np.ones(()), tuple(given.tied), 1.0, factors=factors)
+
+    @cached_property
+    def _known(self) -> dict[str, RobotParameter]:
+        """The robot's parameters; densities act if any experiment has weights."""
+        held = Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes)))
+        pulls = [load for _, loads in self.experiments for load in loads if isinstance(load, Gravity)][:1]
+        known = parameters(self.robot, held, pulls)
+        return {name: each for name, each in known.items() if name.startswith(("tubes[", "base."))}
 
     @property
     def _length(self) -> float:
@@ -289,12 +300,11 @@ class Unknowns:
                     raise DefinitionError(f"parameters: both {seen[key]!r} and {entry.name!r} stand for {name!r}")
                 seen[key] = entry.name
         robot_names = [name for k, name in seen if k is None and not name.startswith(("rotations[", "translations["))]
-        known = parameters(self.robot, Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes))))
-        chosen(known, robot_names)  # refuses a stiffness beside the modulus that it follows from
+        chosen(self._known, robot_names, "parameters")  # refuses a stiffness beside the modulus that it follows from
 
 
 def _listed(wanted: Any) -> list[Any]:
-    if isinstance(wanted, (str, Parameter)):
+    if wanted is None or isinstance(wanted, (str, Parameter)):
         raise DefinitionError(f"parameters = {wanted!r} must be a list of them")
     return list(wanted)
 
@@ -322,6 +332,7 @@ def _unknown(
     *,
     experiment: int | None = None,
     factors: tuple[Array, ...] | None = None,
+    most: float = np.inf,
 ) -> Unknown:
     shape, flat = value.shape, np.array(value, dtype=np.float64).ravel()
 
@@ -334,6 +345,13 @@ def _unknown(
     lower, upper = _default_bounds(given.name, initial, factors is not None)
     if given.bounds is not None:
         lower, upper = (_or_infinite(of_shape, each, sign) for each, sign in zip(given.bounds, (-1, 1), strict=True))
+    if np.any(lower >= most) or np.any(initial > most):
+        raise DefinitionError(
+            f"{given.name}: it must be allowed to be below {most:g} m and start there, as no "
+            "tube's base stands in front "
+            "of the entry point"
+        )
+    upper = np.minimum(upper, most)
     if np.any(lower >= upper) or np.any(initial < lower) or np.any(initial > upper):
         raise DefinitionError(
             f"{given.name}: initial = {initial.tolist()} must lie between the bounds {lower.tolist()} and "
@@ -347,6 +365,8 @@ def _unknown(
                 f"{given.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive"
             )
     size = np.broadcast_to(np.asarray(scale if given.scale is None else of_shape(given.scale, "scale")), flat.shape)
+    if not (size > 0.0).all():
+        raise DefinitionError(f"{given.name}: scale = {size.tolist()} must be positive")
     return Unknown(
         given.name, shape, initial, np.array(size), lower, upper, mean, sigma, _labels(given.name, shape), acts_on,
         experiment, factors,
@@ -354,9 +374,16 @@ def _unknown(
 
 
 def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
-    if value is None or (np.ndim(value) == 0 and np.isinf(value)):
-        return np.asarray(of_shape(0.0, "bounds") + sign * np.inf)
-    return np.asarray(of_shape(value, "bounds"))
+    """A bound; where it is None or infinite, there is none."""
+    infinite = sign * np.inf
+    if np.ndim(value) == 0:
+        none = value is None or value == infinite
+        return np.full_like(of_shape(0.0, "bounds"), infinite) if none else of_shape(value, "bounds")
+    free = np.array([each is None or each == infinite for each in np.asarray(value, dtype=object).ravel()])
+    free = free.reshape(np.shape(value))
+    return np.where(
+        free.ravel(), infinite, of_shape(np.where(free, 0.0, np.asarray(value, dtype=object)).tolist(), "bounds")
+    )
 
 
 def _default_bounds(name: str, initial: Array, factor: bool) -> tuple[Array, Array]:
@@ -370,6 +397,6 @@ def _default_bounds(name: str, initial: Array, factor: bool) -> tuple[Array, Arr
 def _labels(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     if not shape:
         return (name,)
-    if shape == (3,):
+    if shape == (3,) and not name.endswith(("rotations", "translations")):
         return tuple(f"{name}.{axis}" for axis in _AXES)
     return tuple(f"{name}[{', '.join(map(str, where))}]" for where in np.ndindex(shape))

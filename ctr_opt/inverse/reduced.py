@@ -12,7 +12,7 @@ import attrs
 import numpy as np
 
 from ..equilibrium import Equilibrium
-from ..errors import SolveError
+from ..errors import DefinitionError, SolveError
 from ..robot.checks import Array
 from .estimation import Estimation, Progress
 
@@ -84,13 +84,14 @@ class _Reduced:
         self.evaluations += 1
         try:
             self.equilibria = estimation.equilibria(x, self.equilibria)
-        except SolveError:
+        except (SolveError, DefinitionError):  # no equilibrium, or no such robot
             count = sum(each.numbers for each in estimation.experiments) + len(x)
             return np.full(count, _FAILED), np.zeros((count, len(scaled)))
         parts, slopes = [], []
         for k, each in enumerate(estimation.linearize(x, [found.unknowns for found in self.equilibria])):
             blocks = estimation.layouts[k].blocks
-            value, jacobian = stretched(each.misfit, each.reduced(), blocks, estimation.block_losses(k, each.misfit))
+            misfit = each.misfit + each.misfit_z @ each.step()
+            value, jacobian = stretched(misfit, each.reduced(), blocks, estimation.block_losses(k, misfit))
             rows = np.zeros((len(value), len(x)))
             rows[:, each.own] = jacobian
             parts.append(value)
@@ -128,4 +129,6 @@ def solve_reduced(
     found = problem.all(result.x)
     final = estimation.equilibria(found, problem.equilibria)
     moments = [each.unknowns for each in final]
+    linearized = estimation.linearize(found, moments)
+    moments = [z + each.step() for z, each in zip(moments, linearized, strict=True)]
     return Found(found, moments, bool(result.status > 0), str(result.message), int(result.njev or 0), int(result.nfev))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..equilibrium import Equilibrium
+from ..errors import DefinitionError, EstimationError
 from ..robot.checks import Array
 from ..solvers.programs import Evaluated, solve_program
 from .estimation import Estimation, Layout, Progress
@@ -99,7 +100,10 @@ class _Program:
         gradient[: self.parameters] = scale * (x - mean) / sigma**2
         constraints = np.zeros(self.size - self.parameters)
         slopes, curvatures = [], [(scale / sigma) ** 2 + _DAMPING]
-        linearized = estimation.linearize_groups(x, moments)
+        try:
+            linearized = estimation.linearize_groups(x, moments)
+        except (DefinitionError, EstimationError):  # no such robot
+            return None
         for group, places, each in zip(estimation.models, self._places, linearized, strict=True):
             own = scale[each.own][:, None, :]
             constraints[places - self.parameters] = each.residual / group.unit
@@ -163,4 +167,5 @@ def solve_simultaneous(
     watch = None if progress is None else (lambda step: progress("steps", step, 0))
     point = solve_program(program, program.join(unknowns.initial, moments), (lower, upper), progress=watch)
     x, found = program.split(point.x)
+    x = np.clip(x, *unknowns.bounds)  # IPOPT goes beyond by 1e-8
     return Found(x, found, point.converged, point.message, point.iterations, point.iterations)

@@ -58,8 +58,8 @@ def parameters(robot: Robot, actuation: Actuation, loads: Sequence[Load] = ()) -
     return {parameter.name: parameter for parameter in every}
 
 
-def chosen(known: dict[str, Parameter], names: Iterable[str]) -> list[Parameter]:
-    """The parameters of these names, in their order.
+def chosen(known: dict[str, Parameter], names: Iterable[str], field: str = "wrt") -> list[Parameter]:
+    """The parameters of these names, in their order; ``field`` is the argument that messages name.
 
     Raises
     ------
@@ -73,24 +73,24 @@ def chosen(known: dict[str, Parameter], names: Iterable[str]) -> list[Parameter]
             close = get_close_matches(str(name), list(known), 3)
             hint = f"; close to it: {', '.join(close)}" if close else ""
             acting = ", ".join(each.name for each in known.values() if not each.idle)
-            raise DefinitionError(f"wrt = {name!r} is no parameter{hint}; there are {acting}")
+            raise DefinitionError(f"{field} = {name!r} is no parameter{hint}; there are {acting}")
         if parameter.idle:
-            raise DefinitionError(f"wrt = {name!r} does not act: {parameter.idle}")
+            raise DefinitionError(f"{field} = {name!r} does not act: {parameter.idle}")
         if parameter in found:
-            raise DefinitionError(f"wrt has {name!r} twice")
+            raise DefinitionError(f"{field} has {name!r} twice")
         found.append(parameter)
-    _check_stiffnesses([parameter.name for parameter in found], known)
+    _check_stiffnesses([parameter.name for parameter in found], known, field)
     return found
 
 
-def _check_stiffnesses(names: list[str], known: dict[str, Parameter]) -> None:
+def _check_stiffnesses(names: list[str], known: dict[str, Parameter], field: str) -> None:
     """A stiffness that is a parameter no longer follows from moduli and diameters that are."""
     for name in names:
-        tube, _, field = name.rpartition(".")
-        for source in _SOURCES.get(field, ()):
+        tube, _, stiffness = name.rpartition(".")
+        for source in _SOURCES.get(stiffness, ()):
             if f"{tube}.{source}" in names and not _given(known[name]):
                 raise DefinitionError(
-                    f"wrt has both {name!r} and '{tube}.{source}', from which it follows: choose one of them"
+                    f"{field} has both {name!r} and '{tube}.{source}', from which it follows: choose one of them"
                 )
 
 

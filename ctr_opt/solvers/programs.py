@@ -15,6 +15,10 @@ from .ipopt import _LOCK
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
+_ENDS = ("Solve_Succeeded", "Search_Direction_Becomes_Too_Small", "Solved_To_Acceptable_Level")
+"""How IPOPT ends at an answer: as wanted, or where rounding errors leave nothing to gain."""
+_SATISFIED = 1e-8  # largest equation left
+
 
 @attrs.frozen(eq=False)
 class Evaluated:
@@ -62,10 +66,15 @@ class _Callback(ca.Callback):
     """A function of CasADi's whose outputs are computed in numbers."""
 
     def __init__(
-        self, name: str, sizes: list[int], outputs: list[ca.Sparsity], values: Callable[..., list[Any]]
+        self,
+        name: str,
+        sizes: list[int],
+        outputs: list[ca.Sparsity],
+        values: Callable[..., list[Any]],
+        caught: list[BaseException],
     ) -> None:
         ca.Callback.__init__(self)
-        self._sizes, self._outputs, self._values = sizes, outputs, values
+        self._sizes, self._outputs, self._values, self._caught = sizes, outputs, values, caught
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -81,7 +90,11 @@ class _Callback(ca.Callback):
         return self._outputs[i]
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
-        values = self._values(*(np.asarray(each.full())[:, 0] for each in arguments))
+        try:
+            values = self._values(*(np.asarray(each.full())[:, 0] for each in arguments))
+        except BaseException as error:  # IPOPT would print it and go on: kept until it has ended
+            self._caught.append(error)
+            return [ca.DM(pattern, np.full(pattern.nnz(), np.nan)) for pattern in self._outputs]
         return [ca.DM(pattern, value) for pattern, value in zip(self._outputs, values, strict=True)]
 
 
@@ -104,6 +117,8 @@ def solve_program(
     kept: dict[bytes, Evaluated] = {}
 
     def at(x: Array) -> Evaluated:
+        if caught:
+            return _nowhere(size, count, program)
         key = x.tobytes()
         if key not in kept:
             found = program.evaluate(x)
@@ -124,17 +139,25 @@ def solve_program(
             progress(len(steps))
         return [[0.0]]
 
+    def after_or_stop(*arguments: Array) -> list[Any]:
+        try:
+            return [[1.0]] if caught else after(*arguments)
+        except BaseException as error:
+            caught.append(error)
+            return [[1.0]]
+
     steps: list[int] = []
+    caught: list[BaseException] = []
     dense = ca.Sparsity.dense
     jacobian, second = _pattern(program.jacobian_structure), _pattern(program.hessian_structure)
-    values = _Callback("values", [size, 0], [dense(1, 1), dense(count, 1)], told)
+    values = _Callback("values", [size, 0], [dense(1, 1), dense(count, 1)], told, caught)
     slope = _Callback(
-        "slope", [size, 0], [dense(1, 1), dense(size, 1)], lambda x, _: [[at(x).objective], at(x).gradient]
+        "slope", [size, 0], [dense(1, 1), dense(size, 1)], lambda x, _: [[at(x).objective], at(x).gradient], caught
     )
     slopes = _Callback(
-        "slopes", [size, 0], [dense(count, 1), jacobian], lambda x, _: [at(x).constraints, at(x).jacobian]
+        "slopes", [size, 0], [dense(count, 1), jacobian], lambda x, _: [at(x).constraints, at(x).jacobian], caught
     )
-    curved = _Callback("curved", [size, 0, 1, count], [second], hessian)
+    curved = _Callback("curved", [size, 0, 1, count], [second], hessian, caught)
     x = ca.MX.sym("x", size)
     objective, constraints = values(x, ca.MX(0, 1))
     options: dict[str, Any] = {
@@ -161,18 +184,23 @@ def solve_program(
     }
     if progress is not None:
         watched = [dense(size, 1), dense(1, 1), dense(count, 1), dense(size, 1), dense(count, 1), dense(0, 1)]
-        options["iteration_callback"] = _Callback("watch", [each.numel() for each in watched], [dense(1, 1)], after)
+        options["iteration_callback"] = _Callback(
+            "watch", [each.numel() for each in watched], [dense(1, 1)], after_or_stop, caught
+        )
     with _LOCK:
         solver = ca.nlpsol("estimation", "ipopt", {"x": x, "f": objective, "g": constraints}, options)
         result = solver(x0=start, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
         stats = solver.stats()
+    if caught:
+        raise caught[0]
     found = result["x"].full()[:, 0]
+    violation = float(np.abs(result["g"].full()).max(initial=0.0))
     return ProgramPoint(
         found,
         result["lam_g"].full()[:, 0],
         float(result["f"]),
         int(stats["iter_count"]),
-        stats["return_status"] == "Solve_Succeeded" and bool(np.isfinite(found).all()),
+        stats["return_status"] in _ENDS and bool(np.isfinite(found).all()) and violation < _SATISFIED,
         str(stats["return_status"]).replace("_", " ").lower(),
     )
 
