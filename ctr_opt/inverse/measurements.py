@@ -322,7 +322,7 @@ class TangentMeasurement(_Measured):
         size = float(np.linalg.norm(self.direction))
         if size == 0.0:
             raise DefinitionError("direction = [0, 0, 0] must not be zero")
-        if np.ndim(self.sigma):
+        if self.sigma is not None and np.ndim(self.sigma):
             raise DefinitionError(f"sigma = {self.sigma!r} must be a number, of every axis across the tangent")
         object.__setattr__(self, "direction", self.direction / size)
         _ = self.whitener
