@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from .calibration_files import Calibration, Check
 from .errors import DefinitionError, EstimationError
 from .forward import ForwardProblem
 from .inverse.fit_plots import figure_fit
-from .inverse.fit_report import point_errors, unit_of
+from .inverse.fit_report import place_of, point_errors, unit_of
 from .inverse.uncertainty import symbol
 from .plotting import save_figure
 from .robot.checks import Array
@@ -88,28 +88,14 @@ def _table(header: list[str], rows: list[list[str]]) -> list[str]:
 
 def tip_errors(fit: Fit) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Of the experiments whose tip was measured: its error (m), its arc length (m), and whether there was a load."""
-    from .inverse.measurements import PositionMeasurement
-
-    errors, lengths, loaded = [], [], []
-    tips = {}
-    for k, experiment in enumerate(fit.estimation.experiments):
-        for j, measured in enumerate(experiment.measurements):
-            if isinstance(measured, PositionMeasurement) and None in measured.arc_length:
-                tips[k, j] = measured.arc_length.index(None)
-    seen: dict[tuple[int, int], int] = {}
-    for each in fit.residuals:
-        key = (each.experiment, each.measurement)
-        i = seen.setdefault(key, 0)
-        seen[key] += 1
-        if tips.get(key) == i:
-            errors.append(each.size)
-            lengths.append(each.arc_length)
-            loaded.append(bool(fit.estimation.experiments[each.experiment].loads))
-    return np.array(errors), np.array(lengths), np.array(loaded, dtype=bool)
+    tips = [each for each in fit.residuals if place_of(fit, each) == (None,)]
+    loaded = [bool(fit.estimation.experiments[each.experiment].loads) for each in tips]
+    sizes, lengths = ([getattr(each, field) for each in tips] for field in ("size", "arc_length"))
+    return np.array(sizes), np.array(lengths), np.array(loaded, dtype=bool)
 
 
 def _errors(fit: Fit) -> list[str]:
-    groups = [(name, sizes) for name, sizes in point_errors(fit.residuals, fit).items()]
+    groups = list(point_errors(fit).items())
     errors, lengths, loaded = tip_errors(fit)
     if len(errors) and loaded.any() and not loaded.all():
         groups += [("tip, unloaded", errors[~loaded]), ("tip, loaded", errors[loaded])]
@@ -160,24 +146,19 @@ def _parameters(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
     truth = calibration.truth.get("values", {})
     header = ["parameter", "nominal", *(LOSS_NAMES[loss] for loss in fits)]
     header += ["truth"] if truth else []
+    sizes = [(entry.name, entry.size) for entry in first.estimation.unknowns.entries]
+    true = np.concatenate([np.broadcast_to(np.ravel(truth.get(name, np.nan)), size) for name, size in sizes])
     rows = []
     for k, label in enumerate(first.labels):
         factor, unit = unit_of(label)
         row = [f"{symbol(label)} [{unit}]", f"{factor * first.estimation.unknowns.initial[k]:.6g}"]
         for fit in fits.values():
-            value, error = _flat(fit.values)[k], _flat(fit.standard_errors)[k]
+            value, error = fit.estimates[k], fit.deviations[k]
             row.append(f"{factor * value:.5g} ± {factor * error:.2g}" if np.isfinite(error) else "not determined")
         if truth:
-            row.append(f"{factor * _flat({name: truth.get(name, np.nan) for name in first.names}, first)[k]:.5g}")
+            row.append(f"{factor * true[k]:.5g}")
         rows.append(row)
     return _table(header, rows)
-
-
-def _flat(values: Mapping[str, Any], like: Fit | None = None) -> Array:
-    if like is None:
-        return np.concatenate([np.ravel(each) for each in values.values()])
-    sizes = {entry.name: entry.size for entry in like.estimation.unknowns.entries}
-    return np.concatenate([np.broadcast_to(np.ravel(each), sizes[name]) for name, each in values.items()])
 
 
 def _undetermined(loss: str, fit: Fit) -> list[str]:

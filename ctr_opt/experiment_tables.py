@@ -13,6 +13,7 @@ import numpy as np
 from .errors import DefinitionError
 from .inverse.experiment import Experiment
 from .inverse.measurements import Distal, Measurement, Place, PositionMeasurement, TangentMeasurement
+from .reading import said_lines
 from .robot.actuation import Actuation
 from .robot.loads import PointWrench
 from .units import to_si
@@ -70,14 +71,7 @@ def read_experiments(
 
 
 def _table(file: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    try:
-        lines = file.read_text("utf-8-sig").splitlines()
-    except OSError as error:
-        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise DefinitionError(f"{str(file)!r} cannot be read as text in UTF-8: {error}") from None
-    kept = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, start=1)]
-    rows = [(k, next(csv.reader([line]))) for k, line in kept if line]
+    rows = [(line, next(csv.reader([row]))) for line, row in said_lines(file)]
     if len(rows) < 2:
         raise DefinitionError(f"{file} must hold a line of names and lines of numbers")
     return rows[0][1], rows[1:]

@@ -46,7 +46,7 @@ def forward_map(solved: Solved, wrt: Sequence[str], along: Array, steps: int | N
     selected = chosen(parameters(own.robot, own.actuation, own.loads), wrt)
     problem = ParametricProblem(own, selected, solved.integrator, along.tolist(), clip=True)
     order = problem.sorted()
-    cuts = np.linspace(0.0, 1.0, (_steps(solved) if steps is None else steps) + 1)
+    cuts = np.linspace(0.0, 1.0, (solved.steps if steps is None else steps) + 1)
     model = _Model(Discretized(problem, order, [cuts] * order.sections), len(solved.z))
     inputs = [ca.MX.sym(identifier(each.name), *_size(each)) for each in selected]
     start = ca.MX.sym("initial", model.unknowns)
@@ -127,13 +127,6 @@ class _Model:
 def _size(parameter: Parameter) -> tuple[int, int]:
     rows, *columns = parameter.value.shape or (1,)
     return int(rows), int(columns[0]) if columns else 1
-
-
-def _steps(solved: Solved) -> int:
-    """As many steps a section as the solution needed in any."""
-    starts = solved.mesh[:, 0]
-    sections = np.searchsorted(solved.configuration.break_points, starts, side="right")
-    return int(np.bincount(sections).max())
 
 
 def _outputs(problem: ParametricProblem, swept: Swept) -> Any:

@@ -52,7 +52,7 @@ def _joined(place: str, text: str) -> str:
 def read_csv(file: Path, columns: int) -> Array:
     """A table of numbers in SI, comma-separated, ``#`` before comments; ``(rows, columns)``."""
     table = []
-    for line, row in _rows(file):
+    for line, row in said_lines(file):
         try:
             entries = [float(entry) for entry in row.split(",")]
         except ValueError:
@@ -72,7 +72,7 @@ def read_csv(file: Path, columns: int) -> Array:
 
 def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, dict[str, float]]]:
     """The same with a header that names the columns, in any order; line numbers, and the numbers by column."""
-    rows = _rows(file)
+    rows = said_lines(file)
     if len(rows) < 2:
         raise DefinitionError(f"{file} must hold a line of names ({', '.join(columns)}) and lines of numbers")
     line, header = rows[0]
@@ -102,7 +102,7 @@ def _numbers(place: str, names: list[str], row: str) -> dict[str, float]:
     return values
 
 
-def _rows(file: Path) -> list[tuple[int, str]]:
+def said_lines(file: Path) -> list[tuple[int, str]]:
     """The lines that say something, with their numbers."""
     try:
         lines = file.read_text("utf-8-sig").splitlines()

@@ -32,6 +32,12 @@ class Solved:
     mesh: Array
     integrator: str
 
+    @property
+    def steps(self) -> int:
+        """The most steps that the solution needed in any section between break points."""
+        sections = np.searchsorted(self.configuration.break_points, self.mesh[:, 0], side="right")
+        return int(np.bincount(sections).max())
+
     def under(self, configuration: Configuration) -> Solved:
         """The same numbers as an equilibrium of a configuration that differs by loads of nothing."""
         return attrs.evolve(self, configuration=configuration)

@@ -1,12 +1,10 @@
 """What the tests of derivatives share: problems with one parameter changed, and differences of solved problems."""
 
-import re
-
 import attrs
 import numpy as np
 
 import ctr_opt as ctr
-from ctr_opt.robot.loads import LoadTable
+from ctr_opt.robot.replacing import loads_with, robot_with
 
 TIGHT = 1e-11  # tolerance of solves that are differenced: the smallest there is
 
@@ -20,31 +18,9 @@ def changed(made, actuation, loads, name, value):
         return attrs.evolve(made, base_pose=_moved(made.base_pose, value)), actuation, loads
     if name == "base.rotation":
         return attrs.evolve(made, base_pose=made.base_pose @ _turned(value)), actuation, loads
-    if found := re.fullmatch(r"loads\[(\d+)\]\.(\w+)", name):
-        k, field = int(found[1]), found[2]
-        old = getattr(loads[k], field)
-        value = float(value) if np.ndim(value) == 0 else value
-        loads[k] = attrs.evolve(
-            loads[k], **{field: LoadTable(old.arc_length, value) if isinstance(old, LoadTable) else value}
-        )
-        return made, actuation, loads
-    i, field = re.fullmatch(r"tubes\[(\d+)\]\.(.*)", name).groups()
-    tubes = list(made.tubes)
-    tubes[int(i)] = _tube(tubes[int(i)], field, value)
-    return attrs.evolve(made, tubes=tubes), actuation, loads
-
-
-def _tube(tube, field, value):
-    found = re.fullmatch(r"precurvature\[(\d+)\]\.(\w+)", field)
-    if not found:
-        return attrs.evolve(tube, **{field: float(value)})
-    k, field = int(found[1]), found[2]
-    pieces = list(tube.precurvature)
-    if field == "length" and isinstance(pieces[k], ctr.SampledCurvature):
-        pieces[k] = attrs.evolve(pieces[k], arc_length=pieces[k].arc_length * (value / pieces[k].length))
-    else:
-        pieces[k] = attrs.evolve(pieces[k], **{field: float(value) if field == "length" else value})
-    return attrs.evolve(tube, precurvature=pieces)
+    if name.startswith("loads["):
+        return made, actuation, list(loads_with(loads, {name: value}))
+    return robot_with(made, {name: value}), actuation, loads
 
 
 def _moved(pose, by):

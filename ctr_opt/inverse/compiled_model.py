@@ -44,10 +44,14 @@ def _known(request: Request) -> bool:
 
 
 class CompiledModel:
-    """Residuals and predictions of experiments, and derivatives by the ``acting`` parameters, in one call."""
+    """Residuals and predictions of experiments, and derivatives by the ``acting`` parameters, in one call.
 
-    def __init__(self, requests: Sequence[Request], sizes: Mapping[str, int]) -> None:
-        self.requests = list(requests)
+    ``requests``: those of each experiment, alike but for arc lengths; ``sizes``: of the parameters by their names.
+    """
+
+    def __init__(self, requests: Sequence[Sequence[Request]], sizes: Mapping[str, int]) -> None:
+        self.requests = requests[0]
+        self._probes = [[_probe(r) for r in own if r.kind == "pose"] for own in requests]
         self.acting = list(sizes)
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
@@ -58,12 +62,11 @@ class CompiledModel:
         self,
         robot: Robot,
         experiments: Sequence[tuple[Actuation, Sequence[Load]]],
-        requests: Sequence[Sequence[Request]],
         z: Array,
         angles: Array,
     ) -> tuple[Array, list[Predicted], Array]:
         """As :meth:`GroupModel.evaluate`; ``angles`` are those of the base, by which the robot is turned already."""
-        model = self._model(robot, experiments, requests)
+        model = self._model(robot, experiments)
         told = model.at(z)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
@@ -86,18 +89,12 @@ class CompiledModel:
                 found.append(Predicted(-z[:, 2 + request.tube, None], by_z))
         return told.residual, found, slopes
 
-    def _model(
-        self,
-        robot: Robot,
-        experiments: Sequence[tuple[Actuation, Sequence[Load]]],
-        requests: Sequence[Sequence[Request]],
-    ) -> Predictions:
+    def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Predictions:
         """The predictions, made anew only where loads, or what follows from the robot's numbers, are others."""
         if self._kept is not None and self._fixed:
             joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
             return self._kept.moved(robot, joints)
-        probes = [[_probe(r) for r in own if r.kind == "pose"] for own in requests]
-        self._kept = Predictions(robot, self.acting, experiments, probes)
+        self._kept = Predictions(robot, self.acting, experiments, self._probes)
         return self._kept
 
 

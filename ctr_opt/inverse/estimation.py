@@ -24,7 +24,7 @@ from .comparison import Comparison
 from .compiled_model import CompiledModel, compilable
 from .experiment import Experiment
 from .losses import LOSSES, Loss
-from .measurements import Distal, Predicted
+from .measurements import Predicted, arc_length_of
 from .model import GroupModel, structure
 from .parameters import Parameter, Unknowns
 
@@ -116,7 +116,6 @@ class Estimation:
         self.tolerance = tolerance
         self.compiled = compiled
         self.unknowns = Unknowns(robot, [(each.actuation, each.loads) for each in self.experiments], wanted)
-        self.wanted = self.unknowns.given
         self._check_places()
         scaled = {measurement.scaled for each in self.experiments for measurement in each.measurements}
         if scaled == {True, False}:
@@ -137,7 +136,7 @@ class Estimation:
             for j, measurement in enumerate(each.measurements):
                 for request in measurement.requests:
                     place, tube = request.place, request.tube if request.kind != "torque" else None
-                    s = ends.max() if place is None else ends[place.tube] if isinstance(place, Distal) else place
+                    s = arc_length_of(place, ends)
                     end = ends.max() if tube is None else ends[tube]
                     if s < 0.0 or s > end + 1e-9 * ends.max():
                         whose = "the robot" if tube is None else f"tube {tube}"
@@ -146,12 +145,9 @@ class Estimation:
                             f"reaches from 0 to {end:g} m there"
                         )
 
-    def of(self, experiments: Sequence[Experiment], wanted: Iterable[str]) -> Estimation:
-        """The same of other experiments, with the parameters' own priors, bounds and scales."""
-        given = {each.name: each for each in self.wanted}
-        return Estimation(
-            self.robot, experiments, [given[name] for name in wanted], self.loss, self.tolerance, self.compiled
-        )
+    def of(self, experiments: Sequence[Experiment]) -> Estimation:
+        """The same parameters from other experiments."""
+        return Estimation(self.robot, experiments, self.unknowns.given, self.loss, self.tolerance, self.compiled)
 
     @property
     def prepared(self) -> bool:
@@ -220,9 +216,11 @@ class Estimation:
             parts: dict[str, Any] = {"members": members, "own": own, "mixing": mixing, "unit": unit}
             parts["comparison"] = Comparison([self.experiments[k].measurements for k in members])
             if compilable(self.robot, each.loads, each.requests, names, self.compiled):
-                self.models.append(Group(**parts, compiled=CompiledModel(each.requests, sizes)))
+                self.models.append(
+                    Group(**parts, compiled=CompiledModel([self.experiments[k].requests for k in members], sizes))
+                )
             else:
-                steps = max(_steps(equilibria[k]) for k in members[:: max(1, len(members) // 100)])
+                steps = max(equilibria[k].solved().steps for k in members[:: max(1, len(members) // 100)])
                 model = GroupModel(configuration, each.requests, names, steps)
                 self.models.append(Group(**parts, symbolic=model, start=self._numbers(model, members)))
 
@@ -272,9 +270,8 @@ class Estimation:
         assert group.compiled is not None
         numbers = self.unknowns.robot_numbers(x)
         experiments = [self.unknowns.experiment_at(x, k) for k in group.members]
-        requests = [self.experiments[k].requests for k in group.members]
         angles = np.asarray(numbers.get("base.rotation", np.zeros(3)))
-        return group.compiled.evaluate(self.unknowns.robot_at(x), experiments, requests, z, angles)
+        return group.compiled.evaluate(self.unknowns.robot_at(x), experiments, z, angles)
 
     def cost(self, linearized: Sequence[Linearized]) -> float:
         """The loss of the misfits, without priors."""
@@ -292,6 +289,24 @@ class Estimation:
         parts = [self.losses[size].evaluate(squared[..., b]) for b, size in enumerate(layout.sizes)]
         rho, first, second = (np.stack([part[i] for part in parts], axis=-1) for i in range(3))
         return rho, first, second
+
+    def expanded(self, layout: Layout, misfit: Array, rows: Array, *, positive: bool) -> tuple[Array, Array, Array]:
+        """Losses of misfits ``(..., numbers)`` with slopes ``rows (..., numbers, k)`` to second order, block by block.
+
+        Losses ``(..., blocks)``, gradients ``(..., blocks, k)`` and the Hessian of their sum ``(..., k, k)``, without
+        the misfits' own second derivatives; ``positive``: its curvature along a residual is kept from being negative.
+        """
+        rho, first, second = self.losses_of(layout, misfit)
+        along = np.add.reduceat(misfit[..., None] * rows, layout.starts, axis=-2)
+        weights = np.repeat(2.0 * first, layout.sizes, axis=-1)
+        hessian = np.matmul(np.swapaxes(rows, -1, -2), weights[..., None] * rows)
+        if second.any():
+            bend = 4.0 * second
+            if positive:
+                squared = np.maximum(np.add.reduceat(misfit**2, layout.starts, axis=-1), 1e-300)
+                bend = np.maximum(bend, -2.0 * first / squared)
+            hessian += np.matmul(np.swapaxes(along, -1, -2), bend[..., None] * along)
+        return rho, 2.0 * first[..., None] * along, hessian
 
     def prior_cost(self, x: Array) -> float:
         """Half the squared deviations from the priors."""
@@ -336,10 +351,3 @@ def _rows(acting: list[tuple[str, int, Array]], sizes: dict[str, int], unknowns:
         start = int(starts[name]) + first
         rows[start : start + len(part)] += part
     return rows
-
-
-def _steps(equilibrium: Equilibrium) -> int:
-    """The most steps that the solve needed in any section."""
-    solved = equilibrium.solved()
-    sections = np.searchsorted(solved.configuration.break_points, solved.mesh[:, 0], side="right")
-    return int(np.bincount(sections).max())

@@ -13,6 +13,7 @@ from ..errors import DefinitionError, EstimationError
 from ..robot.checks import Array
 from ..robot.robot import Robot
 from .estimation import Estimation, Linearized
+from .measurements import arc_length_of
 from .reduced import Found, solve_reduced
 from .uncertainty import (
     Determined,
@@ -42,6 +43,9 @@ class Residual:
 
     experiment: int
     measurement: int
+    block: int
+    """Which of the measurement's: of several points, its number."""
+
     arc_length: float
     """Where it was measured, m, as the fit has it."""
 
@@ -80,12 +84,22 @@ class Fit:
     @cached_property
     def values(self) -> dict[str, Any]:
         """The estimates by name, floats or arrays; not a number where the data do not determine them."""
-        return self._estimation.unknowns.values(np.where(self._open, np.nan, self._found.x))
+        return self._estimation.unknowns.values(self.estimates)
+
+    @cached_property
+    def estimates(self) -> Array:
+        """The estimates in the order of :attr:`labels`; not a number where the data do not determine them."""
+        return np.where(self._open, np.nan, self._found.x)
+
+    @cached_property
+    def deviations(self) -> Array:
+        """Their standard deviations; infinite where the data do not determine them."""
+        return np.sqrt(np.diag(self.covariance))
 
     @cached_property
     def standard_errors(self) -> dict[str, Any]:
         """Standard deviations of the estimates by name; infinite where the data do not determine them."""
-        return self._estimation.unknowns.values(np.sqrt(np.diag(self.covariance)))
+        return self._estimation.unknowns.values(self.deviations)
 
     @cached_property
     def covariance(self) -> Array:
@@ -111,8 +125,8 @@ class Fit:
     @cached_property
     def correlation(self) -> Array:
         """Correlations of the numbers of :attr:`labels`; not a number where they are not determined."""
-        deviations = np.sqrt(np.diag(self.covariance))
-        deviations = np.where(np.isfinite(deviations) & (deviations > 0.0), deviations, np.nan)
+        known = np.isfinite(self.deviations) & (self.deviations > 0.0)
+        deviations = np.where(known, self.deviations, np.nan)
         return np.asarray(self.covariance / np.outer(deviations, deviations))
 
     @cached_property
@@ -170,31 +184,18 @@ class Fit:
     @cached_property
     def residuals(self) -> list[Residual]:
         """Every block's misfit, predicted minus measured, by experiment."""
+        unknowns, x = self._estimation.unknowns, self._found.x
+        lengths = np.array([tube.length for tube in unknowns.robot_at(x).tubes])
         found = []
-        for k, each in enumerate(self._linearized):
-            lengths = self._arc_lengths(k)
-            layout, experiment = self._estimation.layouts[k], self._estimation.experiments[k]
-            seen: dict[int, int] = {}
-            for b, (start, size, j) in enumerate(layout.blocks):
-                i = seen.setdefault(j, 0)
-                seen[j] += 1
-                whitener = experiment.measurements[j].whitener[i]
-                value = np.linalg.solve(whitener, each.misfit[start : start + size])
-                found.append(Residual(k, j, lengths[b], value))
-        return found
-
-    def _arc_lengths(self, k: int) -> list[float]:
-        from .measurements import Distal
-
-        experiment = self._estimation.experiments[k]
-        actuation, _ = self._estimation.unknowns.experiment_at(self._found.x, k)
-        robot = self._estimation.unknowns.robot_at(self._found.x)
-        ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
-        found = []
-        for each in experiment.measurements:
-            for request in each.requests[: each.shape[0]]:
-                s = request.place
-                found.append(float(ends[s.tube]) if isinstance(s, Distal) else float(ends.max()) if s is None else s)
+        for k, (experiment, each) in enumerate(zip(self._estimation.experiments, self._linearized, strict=True)):
+            ends = lengths + unknowns.experiment_at(x, k)[0].translations
+            start = 0
+            for j, measured in enumerate(experiment.measurements):
+                count, size = measured.shape
+                for i, request in enumerate(measured.requests[:count]):
+                    value = np.linalg.solve(measured.whitener[i], each.misfit[start : start + size])
+                    found.append(Residual(k, j, i, arc_length_of(request.place, ends), value))
+                    start += size
         return found
 
     @cached_property
@@ -244,7 +245,7 @@ class Fit:
         """
         known = self._determined.known
         full = known.T @ (self._information.curvature + self._information.prior) @ known
-        inverse = covariance_inverse(self._known_scaled, known)
+        inverse = np.linalg.inv(known.T @ self._known_scaled @ known)
         found = []
         for own, gradient in zip(self._information.each, self._information.gradients, strict=True):
             step = np.linalg.lstsq(full - known.T @ own @ known, known.T @ gradient, rcond=None)[0]
@@ -285,7 +286,7 @@ class Fit:
         if label not in self.labels:
             raise DefinitionError(f"label = {label!r} must be one of {', '.join(self.labels)}")
         k = self.labels.index(label)
-        error = float(np.sqrt(self.covariance[k, k]))
+        error = float(self.deviations[k])
         if not np.isfinite(error):
             raise EstimationError(f"{label} is not determined, so that it has no profile")
         lower, upper = (bound[k] for bound in self._estimation.unknowns.bounds)
@@ -320,7 +321,7 @@ class Fit:
         numbers = self._numbered(experiments)
         other = self.without(numbers)
         held = [self._estimation.experiments[k] for k in numbers]
-        tested = self._estimation.of(held, [entry.name for entry in self._estimation.unknowns.entries])
+        tested = self._estimation.of(held)
         moments = [each.unknowns for each in tested.equilibria(other._found.x)]
         shown = Fit(tested, attrs.evolve(other._found, moments=moments), self.method)
         return [attrs.evolve(each, experiment=numbers[each.experiment]) for each in shown.residuals]
@@ -341,7 +342,7 @@ class Fit:
             )
         if not chosen:
             raise DefinitionError("experiments: at least one must be left")
-        drawn = self._estimation.of([self._estimation.experiments[k] for k in chosen], self.names)
+        drawn = self._estimation.of([self._estimation.experiments[k] for k in chosen])
         found = solve_reduced(drawn, [self.equilibria[k] for k in chosen], start=self._found.x)
         return Fit(drawn, found, "reduced")
 
@@ -419,8 +420,3 @@ class Fit:
         """Covariance of what is known of the parameters, SI."""
         scale = self._estimation.unknowns.scale
         return self._known_scaled * np.outer(scale, scale)
-
-
-def covariance_inverse(scaled: Array, known: Array) -> Array:
-    """Inverse of a covariance on the space that is known, in that space's coordinates."""
-    return np.asarray(np.linalg.inv(known.T @ scaled @ known))

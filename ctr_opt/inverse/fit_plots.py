@@ -34,7 +34,7 @@ def figure_fit(fit: Fit) -> Figure:
 def plot_histogram(fit: Fit, ax: Axes | None = None, *, where: str | None = None) -> Axes:
     """Histogram of the distances of measured points, as the paper's Fig. 12; by default those at the tip."""
     ax = _axes(ax)
-    errors = point_errors(fit.residuals, fit)
+    errors = point_errors(fit)
     if not errors:
         ax.set_axis_off()
         return ax
@@ -43,7 +43,7 @@ def plot_histogram(fit: Fit, ax: Axes | None = None, *, where: str | None = None
     ax.hist(sizes, bins="fd" if len(sizes) > 8 else len(sizes), color="tab:blue", edgecolor="white")
     ax.axvline(float(sizes.mean()), color="black", linewidth=1.0, linestyle="--", label=f"mean {sizes.mean():.2f} mm")
     ax.set_xlabel(f"error, {name} [mm]")
-    ax.set_ylabel("experiments")
+    ax.set_ylabel("points")
     ax.legend(frameon=False)
     return ax
 
@@ -85,12 +85,13 @@ def plot_ellipse(fit: Fit, ax: Axes | None = None, *, pair: tuple[str, str] | No
         return ax
     i, j = found
     (fi, ui), (fj, uj) = unit_of(fit.labels[i]), unit_of(fit.labels[j])
-    values = np.concatenate([np.ravel(each) for each in fit.values.values()])[[i, j]]
+    values = fit.estimates[[i, j]]
     block = fit.covariance[np.ix_([i, j], [i, j])]
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     circle = np.linalg.cholesky(block) @ np.vstack((np.cos(angle), np.sin(angle))) * np.sqrt(chi2.ppf(_INSIDE, 2))
     ax.plot(fi * (values[0] + circle[0]), fj * (values[1] + circle[1]), label="95 % confidence")
     ax.plot(fi * values[0], fj * values[1], "+", color="black", label="estimate")
+    ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel(f"{symbol(fit.labels[i])} [{ui}]")
     ax.set_ylabel(f"{symbol(fit.labels[j])} [{uj}]")
     ax.legend(frameon=False)

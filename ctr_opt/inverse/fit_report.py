@@ -9,15 +9,16 @@ import numpy as np
 from ..robot.checks import Array
 from .fit import REJECTED
 from .losses import SMOOTHING
+from .measurements import Distal, Place, PositionMeasurement
 from .uncertainty import symbol
 
 if TYPE_CHECKING:
     from .fit import Fit, Residual
 
+_FEW = 6  # arc lengths that are told one by one
 _CORRELATED = 0.9  # pairs of parameters from here on are named
 _UNITS = (  # how a number is told: the end of its parameter's name, factor, unit
-    ("bending_stiffness", 1e3, "N mm m"),
-    ("torsional_stiffness", 1e3, "N mm m"),
+    ("stiffness", 1.0, "N m^2"),
     ("modulus", 1e-9, "GPa"),
     ("diameter", 1e3, "mm"),
     ("length", 1e3, "mm"),
@@ -41,7 +42,7 @@ def unit_of(label: str) -> tuple[float, str]:
     stem = stem[: stem.rindex("[")] if stem.endswith("]") else stem
     for end, factor, unit in _UNITS:
         if stem.endswith(end):
-            return (1.0, "N m^2") if unit == "N mm m" else (factor, unit)
+            return factor, unit
     return 1.0, ""
 
 
@@ -94,11 +95,9 @@ def _verdict(fit: Fit) -> str:
 def parameter_table(fit: Fit) -> list[str]:
     """A line for each number: nominal, estimate, standard error."""
     unknowns = fit.estimation.unknowns
-    values = np.concatenate([np.ravel(each) for each in fit.values.values()])
-    errors = np.concatenate([np.ravel(each) for each in fit.standard_errors.values()])
     lines = [f"  {'parameter':<36}{'start':>12}{'estimate':>14}{'+-':>12}   {'unit':<6}"]
     factors = {entry.name for entry in unknowns.entries if entry.factors is not None}
-    for label, start, value, error in zip(fit.labels, unknowns.initial, values, errors, strict=True):
+    for label, start, value, error in zip(fit.labels, unknowns.initial, fit.estimates, fit.deviations, strict=True):
         factor, unit = (1.0, "") if label in factors else unit_of(label)
         told = f"{factor * value:>14.6g}{factor * error:>12.2g}" if np.isfinite(error) else f"{'not determined':>26}"
         lines.append(f"  {label:<36}{factor * start:>12.6g}{told}   {unit:<6}")
@@ -134,7 +133,7 @@ def _correlated(fit: Fit) -> list[str]:
 def residual_lines(fit: Fit) -> list[str]:
     """Distances of the points by where they are, and experiments that do not fit."""
     lines = []
-    for name, sizes in point_errors(fit.residuals, fit).items():
+    for name, sizes in point_errors(fit).items():
         mean, most = 1e3 * sizes.mean(), 1e3 * sizes.max()
         lines.append(
             _row(
@@ -153,48 +152,32 @@ def residual_lines(fit: Fit) -> list[str]:
     return lines
 
 
+def place_of(fit: Fit, residual: Residual) -> tuple[Place] | None:
+    """Where a point was measured, alone in a tuple; None if the residual is not that of a point."""
+    measurement = fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
+    return (measurement.arc_length[residual.block],) if isinstance(measurement, PositionMeasurement) else None
+
+
 def is_point(fit: Fit, residual: Residual) -> bool:
     """Whether a residual is that of a measured point."""
-    from .measurements import PositionMeasurement
-
-    measurement = fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
-    return isinstance(measurement, PositionMeasurement)
+    return place_of(fit, residual) is not None
 
 
-def point_errors(residuals: list[Residual], fit: Fit) -> dict[str, Array]:
+def point_errors(fit: Fit) -> dict[str, Array]:
     """Distances of measured points (m) by where they are: ends of tubes, the tip, or arc lengths."""
-    from .measurements import Distal, PositionMeasurement
-
+    places = [(place_of(fit, each), each.size) for each in fit.residuals]
+    points = [(place[0], size) for place, size in places if place is not None]
+    few = len({place for place, _ in points if isinstance(place, float)}) <= _FEW
     found: dict[str, list[float]] = {}
-    seen: dict[tuple[int, int], int] = {}
-    for each in residuals:
-        measurement = fit.estimation.experiments[each.experiment].measurements[each.measurement]
-        if not isinstance(measurement, PositionMeasurement):
-            continue
-        i = seen.setdefault((each.experiment, each.measurement), 0)
-        seen[each.experiment, each.measurement] += 1
-        place = measurement.arc_length[i]
+    for place, size in points:
         if place is None:
             name = "tip"
         elif isinstance(place, Distal):
             name = f"end of tube {place.tube}"
         else:
-            name = f"at s = {1e3 * place:.1f} mm" if len(set(_fixed(fit))) <= 6 else "along the backbone"
-        found.setdefault(name, []).append(each.size)
+            name = f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
+        found.setdefault(name, []).append(size)
     return {name: np.array(sizes) for name, sizes in found.items()}
-
-
-def _fixed(fit: Fit) -> list[float]:
-    from .measurements import PositionMeasurement
-
-    return [
-        place
-        for each in fit.estimation.experiments
-        for measurement in each.measurements
-        if isinstance(measurement, PositionMeasurement)
-        for place in measurement.arc_length
-        if isinstance(place, float)
-    ]
 
 
 def _row(name: str, value: str) -> str:

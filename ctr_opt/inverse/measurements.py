@@ -52,6 +52,13 @@ Place: TypeAlias = "float | Distal | None"
 """An arc length from the entry point, m; the end of a tube; or None, the tip."""
 
 
+def arc_length_of(place: Place, ends: Array) -> float:
+    """Where a place is, m, on a robot whose tubes end at ``ends``."""
+    if isinstance(place, Distal):
+        return float(ends[place.tube])
+    return float(ends.max()) if place is None else place
+
+
 @attrs.frozen
 class Request:
     """A prediction that is needed: a ``kind`` (``"pose"``, ``"curvature"``, ``"torque"``) of a tube, at a place."""

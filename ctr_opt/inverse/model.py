@@ -23,7 +23,7 @@ from ..robot.loads import Load, LoadTable
 from ..robot.parameters import Parameter, parameters
 from ..robot.robot import Robot
 from ..transcription.parametric_problem import Discretized, ParametricProblem
-from .measurements import Distal, Predicted, Request
+from .measurements import Distal, Predicted, Request, arc_length_of
 
 SIZES = {"pose": 12, "curvature": 3, "torque": 1}
 _PROBES = "probes"
@@ -60,8 +60,7 @@ def carrier(request: Request, ends: Array) -> int:
         return request.tube
     if isinstance(request.place, Distal):
         return request.place.tube
-    at = float(ends.max()) if request.place is None else request.place
-    return int(np.argmax(ends >= at - 1e-9 * ends.max()))
+    return int(np.argmax(ends >= arc_length_of(request.place, ends) - 1e-9 * ends.max()))
 
 
 def _jumps(request: Request) -> bool:
@@ -86,11 +85,10 @@ class GroupModel:
         of_loads = [name for name, each in known.items() if name.startswith("loads[") and not each.idle]
         data = ["rotations", "translations", *of_loads]
         places = np.array([r.place for r in self.requests if isinstance(r.place, float)])
-        self._data = [known[name] for name in data]
         probes = [Parameter(_PROBES, places)] if len(places) else []
         own = [known[name] for name in self.acting if name not in data]
         self.problem = ParametricProblem(
-            configuration, [*own, *self._data, *probes], _INTEGRATOR, places.tolist(), clip=True
+            configuration, [*own, *(known[name] for name in data), *probes], _INTEGRATOR, places.tolist(), clip=True
         )
         order = self.problem.sorted()
         cuts = [np.linspace(0.0, 1.0, steps + 1)] * order.sections
@@ -105,6 +103,7 @@ class GroupModel:
         scales = configuration.scales
         self.unit: Array = scales.unknowns(configuration.tube_count, configuration.kind.live)
         self.unknowns = len(self.unit)
+        self._mapped: dict[int, ca.Function] = {}
 
     @property
     def _curved(self) -> bool:
@@ -192,10 +191,6 @@ class GroupModel:
             else:
                 theta[part] = known[name].value.ravel()
         return theta
-
-    @cached_property
-    def _mapped(self) -> dict[int, ca.Function]:
-        return {}
 
     def evaluate(self, z: Array, theta: Array) -> tuple[Array, list[Predicted], Array]:
         """Of experiments ``z (E, unknowns)``, ``theta (E, k)``: residuals, predictions, and the residuals' slopes."""

@@ -17,7 +17,7 @@ from ..equilibrium import Equilibrium
 from ..errors import DefinitionError, EstimationError
 from ..robot.checks import Array
 from ..solvers.programs import Evaluated, solve_program
-from .estimation import Estimation, Layout, Progress
+from .estimation import Estimation, Progress
 from .reduced import Found
 
 if TYPE_CHECKING:
@@ -110,9 +110,10 @@ class _Program:
             both = np.concatenate((each.residual_x * own, each.residual_z * group.unit), axis=2)
             slopes.append((both / group.unit[:, None]).ravel())
             rows = np.concatenate((each.misfit_x * own, each.misfit_z * group.unit), axis=2)
-            cost, pull, curvature = self._losses(estimation.layouts[group.members[0]], each.misfit, rows)
-            objective += cost
-            np.add.at(gradient, np.hstack((each.own, places)), pull)
+            layout = estimation.layouts[group.members[0]]
+            losses, pulls, curvature = estimation.expanded(layout, each.misfit, rows, positive=True)
+            objective += float(losses.sum())
+            np.add.at(gradient, np.hstack((each.own, places)), pulls.sum(axis=1))
             upper = np.triu_indices(rows.shape[2])
             curvatures.append(curvature[:, upper[0], upper[1]].ravel())
         if not (np.isfinite(objective) and np.isfinite(constraints).all()):
@@ -124,20 +125,6 @@ class _Program:
             _summed(self._jacobian, np.concatenate(slopes)),
             _summed(self._hessian, np.concatenate(curvatures)),
         )
-
-    def _losses(self, layout: Layout, misfit: Array, rows: Array) -> tuple[float, Array, Array]:
-        """Losses, gradients and Gauss-Newton Hessians of experiments, whose misfits have these slopes."""
-        rho, first, second = self.estimation.losses_of(layout, misfit)
-        weights = np.repeat(2.0 * first, layout.sizes, axis=1)
-        turned = np.swapaxes(rows, 1, 2)
-        pull = np.matmul(turned, (weights * misfit)[..., None])[..., 0]
-        curvature = np.matmul(turned, weights[..., None] * rows)
-        if second.any():
-            along = np.add.reduceat(misfit[..., None] * rows, layout.starts, axis=1)
-            squared = np.maximum(np.add.reduceat(misfit**2, layout.starts, axis=1), 1e-300)
-            bend = np.maximum(4.0 * second, -2.0 * first / squared)  # along the residual it stays positive
-            curvature += np.matmul(np.swapaxes(along, 1, 2), bend[..., None] * along)
-        return float(rho.sum()), pull, curvature
 
 
 def _compressed(rows: list[Any], columns: list[Any], shape: tuple[int, int]) -> Structure:

@@ -14,7 +14,7 @@ from ..robot.checks import array
 from ..robot.loads import Load
 from ..robot.robot import Robot
 from .experiment import Experiment
-from .measurements import Distal, Place, PositionMeasurement
+from .measurements import Place, PositionMeasurement, arc_length_of
 
 
 def synthetic_experiments(
@@ -58,8 +58,8 @@ def synthetic_experiments(
     for k, (actuation, loads) in enumerate(cases):
         shape = problem.solve(actuation, loads)
         ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
-        s = [shape.length if p is None else float(ends[p.tube]) if isinstance(p, Distal) else p for p in places]
-        points = np.array([shape.position(each) for each in s]) + noise * rng.normal(size=(len(s), 3))
+        points = np.array([shape.position(arc_length_of(place, ends)) for place in places])
+        points = points + noise * rng.normal(size=points.shape)
         written = (recorded or {}).get(k, actuation)
         found.append(
             Experiment(written, loads, [PositionMeasurement(list(places), points, sigma=noise)], name=f"case {k + 1}")

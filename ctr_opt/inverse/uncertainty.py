@@ -69,19 +69,12 @@ def information(estimation: Estimation, linearized: Sequence[Linearized]) -> Inf
     for k, each in enumerate(linearized):
         slopes = np.zeros((len(each.misfit), size))
         slopes[:, each.own] = each.reduced() * scale[each.own]
-        _, first, second = estimation.block_losses(k, each.misfit)
-        own_curvature, gradient = np.zeros((size, size)), np.zeros(size)
-        for (start, count, _), slope, bend in zip(estimation.layouts[k].blocks, first, second, strict=True):
-            rows, r = slopes[start : start + count], each.misfit[start : start + count]
-            pull = 2.0 * slope * rows.T @ r
-            along = rows.T @ r
-            own_curvature += 2.0 * slope * rows.T @ rows + 4.0 * bend * np.outer(along, along)
-            scatter += np.outer(pull, pull)
-            gradient += pull
+        _, pulls, own_curvature = estimation.expanded(estimation.layouts[k], each.misfit, slopes, positive=False)
         matrix += slopes.T @ slopes
         curvature += own_curvature
+        scatter += pulls.T @ pulls
         every.append(own_curvature)
-        gradients.append(gradient)
+        gradients.append(pulls.sum(axis=0))
     prior = np.diag((scale / estimation.unknowns.prior[1]) ** 2)
     return Information(matrix, curvature, scatter, prior, every, gradients)
 

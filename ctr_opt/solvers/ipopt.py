@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
 
-_LOCK = threading.RLock()  # IPOPT's linear solver is one for the process and not safe in threads
+LOCK = threading.RLock()  # IPOPT's linear solver is one for the process and not safe in threads
 
 
 def _positive(method: Ipopt, field: attrs.Attribute[Any], value: Any) -> None:
@@ -68,26 +68,31 @@ class IpoptPoint:
     residual: Array
 
 
+def quiet(tolerance: float, iterations: int, **own: Any) -> dict[str, Any]:
+    """Options for CasADi of an IPOPT that prints nothing, scales nothing and leaves failures to its caller."""
+    return {
+        "print_time": False,
+        "error_on_fail": False,
+        "calc_lam_p": False,
+        "show_eval_warnings": False,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "tol": tolerance,
+            "max_iter": iterations,
+            "nlp_scaling_method": "none",
+            **own,
+        },
+    }
+
+
 class IpoptSolver:
     """An equality-constrained program, ready to be solved."""
 
     def __init__(self, nlp: Nlp, method: Ipopt) -> None:
         self.nlp = nlp
         self._tolerance = method.tolerance
-        options: dict[str, Any] = {
-            "print_time": False,
-            "error_on_fail": False,
-            "calc_lam_p": False,
-            "show_eval_warnings": False,
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "tol": method.tolerance,
-                "acceptable_iter": 0,
-                "max_iter": method.max_iterations,
-                "nlp_scaling_method": "none",
-            },
-        }
+        options = quiet(method.tolerance, method.max_iterations, acceptable_iter=0)
         if nlp.f.is_zero():  # a square system: without curvature of a Lagrangian IPOPT takes Newton's steps
             x, p, lam_f, lam_g = nlp.x, nlp.p, ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.g.numel())
             none = ca.MX(nlp.x.numel(), nlp.x.numel())
@@ -98,7 +103,7 @@ class IpoptSolver:
 
     def solve(self, x: Array, p: Array) -> IpoptPoint:
         """Solve from the guess ``x`` with parameters ``p``."""
-        with _LOCK:
+        with LOCK:
             result = self._solver(x0=x, p=p, lbg=0.0, ubg=0.0)
             stats = self._solver.stats()
         found, residual = result["x"].full()[:, 0], result["g"].full()[:, 0]
@@ -117,7 +122,7 @@ class IpoptSolver:
         """Hessian of the Lagrangian and Jacobian of the constraints at a point."""
         from scipy.sparse import csc_matrix
 
-        with _LOCK:
+        with LOCK:
             if self._hessian is None:
                 nlp = self.nlp
                 lam = ca.MX.sym("lam", nlp.g.numel())

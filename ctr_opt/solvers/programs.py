@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..robot.checks import Array
-from .ipopt import _LOCK
+from .ipopt import LOCK, IpoptPoint, quiet
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -48,18 +48,6 @@ class Program(Protocol):
 
     def evaluate(self, x: Array) -> Evaluated | None:
         """Everything at a point; None where it cannot be evaluated."""
-
-
-@attrs.frozen(eq=False)
-class ProgramPoint:
-    """Where IPOPT ended: the point, the multipliers of the constraints, how."""
-
-    x: Array
-    multipliers: Array
-    objective: float
-    iterations: int
-    converged: bool
-    message: str
 
 
 class _Callback(ca.Callback):
@@ -111,7 +99,7 @@ def solve_program(
     tolerance: float = 1e-9,
     iterations: int = 200,
     progress: Callable[[int], None] | None = None,
-) -> ProgramPoint:
+) -> IpoptPoint:
     """IPOPT's answer from a start, between bounds."""
     size, count = len(start), program.jacobian_structure.shape[0]
     kept: dict[bytes, Evaluated] = {}
@@ -133,18 +121,14 @@ def solve_program(
     def hessian(x: Array, _: Array, factor: Array, __: Array) -> list[Any]:
         return [factor[0] * at(x).hessian]
 
-    def after(*_: Array) -> list[Any]:
-        steps.append(0)
-        if progress is not None:
-            progress(len(steps))
-        return [[0.0]]
-
-    def after_or_stop(*arguments: Array) -> list[Any]:
+    def watch(*_: Array) -> list[Any]:
         try:
-            return [[1.0]] if caught else after(*arguments)
+            steps.append(0)
+            if progress is not None and not caught:
+                progress(len(steps))
         except BaseException as error:
             caught.append(error)
-            return [[1.0]]
+        return [[float(bool(caught))]]  # not zero: IPOPT is to stop
 
     steps: list[int] = []
     caught: list[BaseException] = []
@@ -160,48 +144,30 @@ def solve_program(
     curved = _Callback("curved", [size, 0, 1, count], [second], hessian, caught)
     x = ca.MX.sym("x", size)
     objective, constraints = values(x, ca.MX(0, 1))
-    options: dict[str, Any] = {
-        "print_time": False,
-        "error_on_fail": False,
-        "calc_lam_p": False,
-        "no_nlp_grad": True,
-        "calc_lam_x": False,
-        "calc_f": False,
-        "calc_g": False,
-        "show_eval_warnings": False,
-        "grad_f": slope,
-        "jac_g": slopes,
-        "hess_lag": curved,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "tol": tolerance,
-            "acceptable_iter": 3,
-            "max_iter": iterations,
-            "mu_init": 1e-6,
-            "nlp_scaling_method": "none",
-        },
-    }
+    options = quiet(tolerance, iterations, acceptable_iter=3, mu_init=1e-6)
+    options |= {"no_nlp_grad": True, "calc_lam_x": False, "calc_f": False, "calc_g": False}
+    options |= {"grad_f": slope, "jac_g": slopes, "hess_lag": curved}
     if progress is not None:
         watched = [dense(size, 1), dense(1, 1), dense(count, 1), dense(size, 1), dense(count, 1), dense(0, 1)]
         options["iteration_callback"] = _Callback(
-            "watch", [each.numel() for each in watched], [dense(1, 1)], after_or_stop, caught
+            "watch", [each.numel() for each in watched], [dense(1, 1)], watch, caught
         )
-    with _LOCK:
+    with LOCK:
         solver = ca.nlpsol("estimation", "ipopt", {"x": x, "f": objective, "g": constraints}, options)
         result = solver(x0=start, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
         stats = solver.stats()
     if caught:
         raise caught[0]
-    found = result["x"].full()[:, 0]
-    violation = float(np.abs(result["g"].full()).max(initial=0.0))
-    return ProgramPoint(
+    found, residual = result["x"].full()[:, 0], result["g"].full()[:, 0]
+    sound = bool(np.isfinite(found).all()) and np.abs(residual).max(initial=0.0) < _SATISFIED
+    return IpoptPoint(
         found,
         result["lam_g"].full()[:, 0],
         float(result["f"]),
         int(stats["iter_count"]),
-        stats["return_status"] in _ENDS and bool(np.isfinite(found).all()) and violation < _SATISFIED,
+        stats["return_status"] in _ENDS and bool(sound),
         str(stats["return_status"]).replace("_", " ").lower(),
+        residual,
     )
 
 
