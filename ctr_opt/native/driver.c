@@ -221,7 +221,7 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
 
 /* Residual, predictions and their derivatives at unknowns that need not be those of an equilibrium: see model.h. The steps
    are halved so often. */
-EXPORT int model(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
+static int model(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
                  const Asked *asked, double *residual, double *slopes_, double *poses, double *rates_, double *inner,
                  double *inner_rates) {
   empty();
