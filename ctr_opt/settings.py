@@ -41,8 +41,8 @@ class Settings:
 
     @property
     def compiled_residual(self) -> float:
-        """The same for compiled solves, whose last step ends far below: at most a hundredth of the tolerance."""
-        return min(1e-9, max(1e-12, 1e-2 * self.tolerance))
+        """The same for compiled solves, which count what is left in their error: at most a tenth of the tolerance."""
+        return min(1e-8, max(1e-12, 0.1 * self.tolerance))
 
     @property
     def ipopt(self) -> Ipopt:

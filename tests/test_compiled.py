@@ -48,7 +48,7 @@ def random_case(rng, n, **options):
 
 @pytest.mark.parametrize("tubes", [1, 2, 3, 4])
 def test_cold_answers_are_those_of_the_virtual_machine(tubes):
-    """The answers differ by what 1e-9 of the length, and 1e-11 in the tip conditions, moves the shape."""
+    """The answers differ by what 1e-9 of the length, and 1e-10 in the tip conditions, moves the shape."""
     rng = np.random.default_rng(100 + tubes)
     used = 0
     for _ in range(6):
@@ -61,9 +61,9 @@ def test_cold_answers_are_those_of_the_virtual_machine(tubes):
         if np.array_equal(a.shape.mesh.shape, b.shape.mesh.shape) and np.allclose(
             a.shape.mesh, b.shape.mesh, atol=1e-12
         ):
-            expected = pytest.approx(b.discretization_error, rel=0.2, abs=1e-11 * a.length)
+            expected = pytest.approx(b.discretization_error, rel=0.2, abs=1e-10 * a.length)
             assert a.discretization_error == expected
-        assert a.residual_norm < 1e-11
+        assert a.residual_norm < 1e-10
         assert a.determinant == pytest.approx(b.determinant, rel=1e-5)  # of meshes that may differ
         assert a.verify() < 1e-9 * a.length
         assert (a.unstable_directions, a.is_stable) == (b.unstable_directions, b.is_stable)

@@ -8,9 +8,9 @@ typedef struct {
 
 static const double CONTRACTION = 0.5, MOST_INVERSE = 1e4;
 static const double REGULAR = 0.6, VERY_REGULAR = 0.2; /* the latter after steps that are long for an old Jacobian */
-static const double SMALL_PART = 0.03; /* of the error allowed is what a solve may leave of the correction */
+static const double SMALL_PART = 0.1; /* of the error allowed is what a solve may leave of the correction */
 static const double CLOSE = 1e-3; /* a step so short leaves nothing that matters to a prediction */
-static const double NEARBY = 1e-3, NEARLY = 2e-6; /* a step after which Broyden's method finishes; a residual before its end */
+static const double NEARBY = 1e-3, NEARLY = 1e-5; /* a step after which Broyden's method finishes; a residual before its end */
 
 /* z - H r, and the size of the correction. */
 static double correct(const double *inverse, const double *residual, double *z) {
