@@ -36,7 +36,7 @@ class Objective:
         )
         self.cases = [(each.actuation, each.loads) for each in estimation.experiments]
         self.measured = np.array([each.measurements[0].position for each in estimation.experiments])
-        self.weights = np.array([each.measurements[0].whitener for each in estimation.experiments])
+        self.weights = np.array([each.measurements[0].isotropic for each in estimation.experiments])
         self.loss = Loss("distance", 3)
         self.equilibria = estimation.equilibria(unknowns.initial)
         probes = [Probe(0.0, 0), Probe(None, 1), Probe()]

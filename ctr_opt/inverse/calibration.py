@@ -130,7 +130,7 @@ class CalibrationProblem:
         equilibria = estimation.equilibria(estimation.unknowns.initial)
         estimation.prepare(equilibria)
         moments = [each.unknowns for each in equilibria]
-        return Fit(estimation, Found(estimation.unknowns.initial, moments, True, "nominal", 0, 0), "nominal")
+        return Fit(estimation, Found(estimation.unknowns.initial, moments, True, "nominal", 0), "nominal")
 
 
 def _failure(estimation: Estimation, found: Found, method: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,10 +11,15 @@ from .measurements import Measurement, PositionMeasurement, Predicted
 
 
 class Comparison:
-    """The measurements of experiments that were all measured in the same way: ``(experiments, measurements)``."""
+    """The measurements of experiments that were all measured in the same way: ``(experiments, measurements)``.
 
-    def __init__(self, measurements: Sequence[Sequence[Measurement]]) -> None:
-        self._columns = [_Column(list(column)) for column in zip(*measurements, strict=True)]
+    ``whitener``: of a measurement.
+    """
+
+    def __init__(
+        self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]
+    ) -> None:
+        self._columns = [_Column(list(column), whitener) for column in zip(*measurements, strict=True)]
 
     def compare(self, predictions: Sequence[Predicted]) -> tuple[Array, Array]:
         """Whitened misfits ``(experiments, numbers)`` and their derivatives, from predictions of all experiments."""
@@ -30,10 +35,10 @@ class Comparison:
 class _Column:
     """The same measurement in all experiments."""
 
-    def __init__(self, measurements: list[Measurement]) -> None:
+    def __init__(self, measurements: list[Measurement], whitener: Callable[[Measurement], Array]) -> None:
         self.measurements = measurements
         self.requests = len(measurements[0].requests)
-        self._whitener = np.array([each.whitener for each in measurements])
+        self._whitener = np.array([whitener(each) for each in measurements])
         self._positions = (
             np.array([each.position for each in measurements if isinstance(each, PositionMeasurement)])
             if all(isinstance(each, PositionMeasurement) for each in measurements)

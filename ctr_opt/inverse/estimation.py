@@ -7,6 +7,7 @@ the parameters, and ``reduced.py``, where the equilibria are solved for at each 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -24,7 +25,7 @@ from .comparison import Comparison
 from .compiled_model import CompiledModel, compilable
 from .experiment import Experiment
 from .losses import LOSSES, Loss
-from .measurements import Predicted, arc_length_of
+from .measurements import Measurement, Predicted, arc_length_of
 from .model import GroupModel, structure
 from .parameters import Parameter, Unknowns
 
@@ -149,6 +150,16 @@ class Estimation:
         """The same parameters from other experiments."""
         return Estimation(self.robot, experiments, self.unknowns.given, self.loss, self.tolerance, self.compiled)
 
+    def whitener(self, measurement: Measurement) -> Array:
+        """By what the residuals of a measurement's blocks are multiplied: distances are the same along all axes."""
+        return measurement.isotropic if self.loss == "distance" else measurement.whitener
+
+    def by_squares(self) -> Estimation:
+        """The same, models and all, with the squares of the same residuals as loss."""
+        other = copy(self)
+        other.losses = {size: Loss("squared", size) for size in self.losses}
+        return other
+
     @property
     def prepared(self) -> bool:
         """Whether the models have been built."""
@@ -214,7 +225,7 @@ class Estimation:
             mixing = np.array([row[:, those] for row, those in zip(rows, own, strict=True)])
             unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
             parts: dict[str, Any] = {"members": members, "own": own, "mixing": mixing, "unit": unit}
-            parts["comparison"] = Comparison([self.experiments[k].measurements for k in members])
+            parts["comparison"] = Comparison([self.experiments[k].measurements for k in members], self.whitener)
             if compilable(self.robot, each.loads, each.requests, names, self.compiled):
                 self.models.append(
                     Group(**parts, compiled=CompiledModel([self.experiments[k].requests for k in members], sizes))

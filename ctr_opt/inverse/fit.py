@@ -193,7 +193,7 @@ class Fit:
             for j, measured in enumerate(experiment.measurements):
                 count, size = measured.shape
                 for i, request in enumerate(measured.requests[:count]):
-                    value = np.linalg.solve(measured.whitener[i], each.misfit[start : start + size])
+                    value = np.linalg.solve(self._estimation.whitener(measured)[i], each.misfit[start : start + size])
                     found.append(Residual(k, j, i, arc_length_of(request.place, ends), value))
                     start += size
         return found

@@ -95,6 +95,10 @@ class Measurement(Protocol):
         """``(blocks, size, size)``: by what residuals are multiplied to have unit covariance."""
 
     @property
+    def isotropic(self) -> Array:
+        """The same of a standard deviation equal along all axes, where all numbers of a block have one unit."""
+
+    @property
     def scaled(self) -> bool:
         """Whether a noise level was given."""
 
@@ -170,6 +174,13 @@ class _Measured:
         """By what residuals are multiplied to have unit covariance; where no noise level is given, by one over one."""
         sigma = self.sigma if self.scaled else self._unit  # type: ignore[attr-defined]
         return whitening(sigma, *self.shape)  # type: ignore[attr-defined]
+
+    @cached_property
+    def isotropic(self) -> Array:
+        """The same of a standard deviation equal along all axes, the root mean square of theirs."""
+        size = self.shape[1]  # type: ignore[attr-defined]
+        variances = (np.linalg.inv(self.whitener) ** 2).sum(axis=(1, 2)) / size
+        return np.asarray(np.eye(size) / np.sqrt(variances)[:, None, None])
 
     _unit = 1e-3  # SI: residuals without a noise level are told in mm, mrad and so on
 
@@ -279,6 +290,11 @@ class PoseMeasurement(_Measured):
     def shape(self) -> tuple[int, int]:
         """Six numbers."""
         return 1, 6
+
+    @property
+    def isotropic(self) -> Array:
+        """As given: metres and radians are not of one unit."""
+        return self.whitener
 
     def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
         """Difference of positions, and the rotation vector from the measured to the predicted frame."""

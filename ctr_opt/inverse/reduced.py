@@ -28,7 +28,6 @@ class Found:
     converged: bool
     message: str
     iterations: int
-    evaluations: int
 
 
 def stretched(misfit: Array, slopes: Array, starts: Any, losses: tuple[Array, Array, Array]) -> tuple[Array, Array]:
@@ -131,4 +130,4 @@ def solve_reduced(
     moments = [each.unknowns for each in final]
     linearized = estimation.linearize(found, moments)
     moments = [z + each.step() for z, each in zip(moments, linearized, strict=True)]
-    return Found(found, moments, bool(result.status > 0), str(result.message), int(result.njev or 0), int(result.nfev))
+    return Found(found, moments, bool(result.status > 0), str(result.message), int(result.njev or 0))

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Structure: TypeAlias = "tuple[csc_matrix, NDArray[np.intp]]"
 """A sparse matrix of ones, and to which of its nonzeros each of some entries adds."""
 
+_ROUGH = 1.0  # where other losses begin
 _DAMPING = 1e-3
 """Of the Hessian in the scaled parameters, and of nothing else: where the data say nothing, IPOPT stays where it is."""
 
@@ -146,13 +147,20 @@ def solve_simultaneous(
 ) -> Found:
     """Least loss over parameters and base moments by IPOPT."""
     unknowns = estimation.unknowns
-    moments = [each.unknowns for each in equilibria]
-    program = _Program(estimation, unknowns.initial, moments)
+    program = _Program(estimation, unknowns.initial, [each.unknowns for each in equilibria])
     lower, upper = np.full(program.size, -np.inf), np.full(program.size, np.inf)
     for side, bound in ((lower, unknowns.bounds[0]), (upper, unknowns.bounds[1])):
         side[: program.parameters] = bound / unknowns.scale
     watch = None if progress is None else (lambda step: progress("steps", step, 0))
-    point = solve_program(program, program.join(unknowns.initial, moments), (lower, upper), progress=watch)
+    start = program.join(unknowns.initial, [each.unknowns for each in equilibria])
+    iterations = 0
+    if estimation.loss != "squared":  # far from the answer squares are kinder than losses that outliers move little
+        rough = _Program(estimation.by_squares(), unknowns.initial, [each.unknowns for each in equilibria])
+        nearer = solve_program(rough, start, (lower, upper), tolerance=_ROUGH, progress=watch)
+        iterations = nearer.iterations
+        if nearer.converged:
+            start = nearer.x
+    point = solve_program(program, start, (lower, upper), progress=watch)
     x, found = program.split(point.x)
     x = np.clip(x, *unknowns.bounds)  # IPOPT goes beyond by 1e-8
-    return Found(x, found, point.converged, point.message, point.iterations, point.iterations)
+    return Found(x, found, point.converged, point.message, iterations + point.iterations)
