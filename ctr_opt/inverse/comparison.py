@@ -16,9 +16,7 @@ class Comparison:
     ``whitener``: of a measurement.
     """
 
-    def __init__(
-        self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]
-    ) -> None:
+    def __init__(self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]) -> None:
         self._columns = [_Column(list(column), whitener) for column in zip(*measurements, strict=True)]
 
     def compare(self, predictions: Sequence[Predicted]) -> tuple[Array, Array]:
