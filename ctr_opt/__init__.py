@@ -15,6 +15,8 @@ from .errors import DefinitionError as DefinitionError
 from .errors import EstimationError as EstimationError
 from .errors import NestingWarning as NestingWarning
 from .errors import SolveError as SolveError
+from .experiment_tables import read_experiments as read_experiments
+from .experiment_tables import write_experiments as write_experiments
 from .files import Problem as Problem
 from .files import load_problem as load_problem
 from .files import load_robot as load_robot
