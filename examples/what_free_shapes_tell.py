@@ -1,6 +1,6 @@
 """What do shapes without load tell of stiffness?
 
-Tubes that bend each other show how stiff they are beside each other, and nothing more. The fit says so instead of giving
+Tubes that bend each other show how stiff they are beside each other, and no more. The fit says so instead of giving
 numbers; one known stiffness, as from a three-point bending test, makes them of it.
 """
 
