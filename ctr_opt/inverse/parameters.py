@@ -109,6 +109,11 @@ class Unknown:
         """How many numbers it is."""
         return len(self.initial)
 
+    @property
+    def of_robot(self) -> bool:
+        """Whether it belongs to the robot, not to an experiment or its actuation."""
+        return self.experiment is None and not self.acts_on[0].startswith(("rotations[", "translations["))
+
 
 class Unknowns:
     """All unknowns of an estimation, flat, and what robot, actuation and loads they stand for."""
@@ -187,10 +192,7 @@ class Unknowns:
     @cached_property
     def moves_experiments(self) -> bool:
         """Whether any of them acts on actuations or loads."""
-        return any(
-            entry.experiment is not None or entry.acts_on[0].startswith(("rotations[", "translations["))
-            for entry in self.entries
-        )
+        return not all(entry.of_robot for entry in self.entries)
 
     def experiment_at(self, x: Array, k: int) -> tuple[Actuation, tuple[Load, ...]]:
         """Actuation and loads of an experiment with these values."""
