@@ -61,7 +61,7 @@ def at_truth(given):
     """The parameters that the data are made with, beside the measurements: shapes, and information."""
     values = given.truth["values"]
     parameters = [ctr.Parameter(name, initial=values[name]) for name in given.parameters]
-    return ctr.CalibrationProblem(given.robot, given.experiments, parameters).nominal()
+    return ctr.CalibrationProblem(given.robot, given.experiments, parameters, compiled=True).nominal()
 
 
 def seen(experiment, shape):
@@ -88,7 +88,7 @@ def repeat(repetitions, loss="squared", seed=1):
     errors, deviations, nees, p_values = [], [], [], []
     for k in range(repetitions):
         data = measured(given.experiments, exact, sigma, np.random.default_rng([seed, k]))
-        fit = ctr.CalibrationProblem(given.robot, data, given.parameters, loss=loss).solve()
+        fit = ctr.CalibrationProblem(given.robot, data, given.parameters, loss=loss, compiled=True).solve()
         error = fit.estimates - truth.estimates
         errors.append(error)
         deviations.append(fit.deviations)

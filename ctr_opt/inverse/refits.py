@@ -101,8 +101,8 @@ def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any
     found = solve_reduced(estimation, *arguments, **settings)
     if not found.converged:
         raise EstimationError(
-            f"{whose} found no answer after {found.iterations} iterations: {found.message}. Try priors or bounds, fewer "
-            "parameters, or more experiments"
+            f"{whose} found no answer after {found.iterations} iterations: {found.message}. Try priors or bounds, "
+            "fewer parameters, or more experiments"
         )
     return found
 
