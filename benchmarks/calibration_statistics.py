@@ -109,10 +109,15 @@ def table(found):
 
 
 def joint(found):
-    """Lines on all numbers together, and on the residuals."""
+    """A line on all numbers together."""
     count, numbers = found.errors.shape
     low, high = central(chi2(numbers * count))
-    yield f"joint NEES: {found.nees.mean():.3f}, 99.9 % band {low / count:.3f} to {high / count:.3f}"
+    return f"joint NEES: {found.nees.mean():.3f}, 99.9 % band {low / count:.3f} to {high / count:.3f}"
+
+
+def rejections(found):
+    """Lines on the residuals' chi-square."""
+    count = len(found.p_values)
     for level in (1.0 - LEVEL, REJECTED):
         low, high = central(binom(count, level))
         rejected = np.count_nonzero(found.p_values < level)
@@ -128,7 +133,10 @@ def main():
     begin = perf_counter()
     found = repeat(given.repetitions, given.loss, given.seed)
     seconds = perf_counter() - begin
-    print(*table(found), "", *joint(found), f"{seconds / given.repetitions:.3f} s a repetition", sep="\n")
+    print(*table(found), "", joint(found), sep="\n")
+    if given.loss == "squared":  # what other losses leave is not chi-square
+        print(*rejections(found), sep="\n")
+    print(f"{seconds / given.repetitions:.3f} s a repetition")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from benchmarks.calibration_statistics import LEVEL, central, joint, repeat, table
+from benchmarks.calibration_statistics import LEVEL, central, joint, rejections, repeat, table
 
 REPETITIONS = 50
 
@@ -54,4 +54,8 @@ def test_tables(found):
     lines = list(table(found))
     assert len(lines) == 2 + 10
     assert all(line.count("|") == 6 for line in lines)
-    assert next(joint(found)).startswith("joint NEES: ")
+    assert joint(found).startswith("joint NEES: ")
+    assert [line.split(":")[0] for line in rejections(found)] == [
+        "residuals rejected at 0.05",
+        "residuals rejected at 0.001",
+    ]

@@ -338,14 +338,12 @@ def test_bootstraps_tell_which_repetitions_they_leave_out():
     """Of six experiments three are loaded: a draw has none with a probability of 1/64, two in three with one of six."""
     name = STIFFNESSES[0]
     fit = fitted(*rods(loaded=3), [name])
-    with pytest.warns(ctr.EstimationWarning, match=r"bootstrap: \d of 100 repetitions have no answer; the first: "
+    with pytest.warns(ctr.EstimationWarning, match=r"bootstrap: \d of 60 repetitions have no answer; the first: "
                       rf"repetition \d+ does not determine {re.escape(name)}. They are left out"):  # fmt: skip
-        drawn = fit.bootstrap(100, seed=2)
-    assert 95 <= len(drawn) < 100
+        drawn = fit.bootstrap(60, seed=2)
+    assert 57 <= len(drawn) < 60
     assert np.isfinite(drawn).all()
-    with pytest.raises(
-        ctr.EstimationError, match=r"of 20 repetitions have no answer; the first: .*no fair sample: add"
-    ):
+    with pytest.raises(ctr.EstimationError, match=r"of 20 repetitions have no answer; .*no fair sample: add"):
         fitted(*rods(loaded=1), [name]).bootstrap(20, seed=2)
 
 
