@@ -379,6 +379,16 @@ def test_refits_without_an_answer_are_errors(robot, exact, monkeypatch):
             fit.errors_without(2)
 
 
+def test_refits_of_what_does_not_act_are_errors():
+    """The one experiment under gravity left out, a density means nothing."""
+    rod = ctr.Robot([attrs.evolve(small_robot(1).tubes[0], density=8e3)])
+    held = ctr.Actuation([0.0], [-0.1])
+    data = [ctr.Experiment(held, k, points(solve(rod, held, k))) for k in ([ctr.Gravity([0.0, -9.81, 0.0])], [])]
+    fit = fitted(rod, data, ["tubes[0].density"])
+    with pytest.raises(ctr.EstimationError, match=r"the fit without experiment 0 is none: .* there is no Gravity"):
+        fit.without(0)
+
+
 def test_refits_that_do_not_converge_are_errors(robot, exact, monkeypatch):
     fit = fitted(robot, noisy(exact, 1))
     ended = attrs.evolve(fit.found, converged=False, message="no more steps", iterations=200)

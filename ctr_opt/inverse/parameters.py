@@ -61,6 +61,7 @@ class Parameter:
         ``"experiments[3].rotations"``. With ``tied``, a name of your own for a common factor.
     prior
         ``(mean, standard deviation)``, numbers or arrays of the parameter's shape: known before the data are seen.
+        Every measurement must then have its ``sigma``.
     bounds
         ``(least, most)``, likewise. Default: stiffnesses, moduli, diameters and lengths stay positive, within a factor
         of 100; angles within half a turn; others are free. No translation puts a base in front of the entry point.

@@ -92,7 +92,10 @@ def _redrawn(fit: Fit, chosen: Any, whose: str) -> Array:
 
 def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
     """A fit to a choice of experiments, from here."""
-    drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen])
+    try:
+        drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen])
+    except DefinitionError as error:  # as where a density is left without gravity
+        raise EstimationError(f"{whose} is none: {error}") from error
     return Fit(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.found.x), "reduced")
 
 
@@ -110,9 +113,8 @@ def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any
 def _check_shared(fit: Fit) -> None:
     for entry in fit.estimation.unknowns.entries:
         if entry.experiment is not None:
-            raise EstimationError(
-                f"{entry.name} belongs to one experiment, so that none can be left out or drawn again"
-            )
+            told = f"{entry.name} belongs to one experiment, so that none can be left out or drawn again"
+            raise EstimationError(told)
 
 
 def _numbered(fit: Fit, experiments: Sequence[int] | int) -> list[int]:
