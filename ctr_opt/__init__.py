@@ -13,6 +13,7 @@ from .errors import CompilationError as CompilationError
 from .errors import CtrOptError as CtrOptError
 from .errors import DefinitionError as DefinitionError
 from .errors import EstimationError as EstimationError
+from .errors import EstimationWarning as EstimationWarning
 from .errors import NestingWarning as NestingWarning
 from .errors import SolveError as SolveError
 from .experiment_tables import read_experiments as read_experiments

@@ -94,6 +94,10 @@ MESSAGES = {
     "tolerance": (lambda: problem(tolerance=0.0), ["tolerance", "0"]),
     "unknown method": (lambda: problem().solve(method="newton"), ["method", "'newton'", "'reduced'"]),
     "huber without sigma": (lambda: problem(data=with_points(DATA, sigma=None), loss="huber"), ["'huber'", "sigma"]),
+    "prior without sigma": (
+        lambda: problem(["base.translation", Parameter(EI, prior=(0.1, 0.01))], with_points(DATA, sigma=None)),
+        [EI, "prior", "sigma of every measurement"],
+    ),
     "some without sigma": (lambda: problem(data=[*DATA, *with_points(DATA, sigma=None)]), ["sigma", "all", "none"]),
     "torque of no tube": (lambda: problem(data=measured(Torque(2, 0.0, 1.0))), ["tube = 2", "0 to 1"]),
     "end of no tube": (lambda: problem(data=measured(Position(ctr.Distal(2), np.zeros(3)))), ["tube = 2", "0 to 1"]),
@@ -130,6 +134,8 @@ def test_no_equilibrium_to_start_from(method):
         ctr.EstimationError, match="the initial parameters have no equilibrium in experiment pushed away"
     ):
         problem(data=data).solve(method=method)
+    with pytest.raises(ctr.EstimationError, match="the initial parameters have no equilibrium in experiment pushed"):
+        problem(data=data).nominal()
 
 
 def test_experiments_that_are_not_there():

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from ..errors import EstimationError, SolveError
+from ..equilibrium import Equilibrium
+from ..errors import EstimationError
 from ..robot.checks import choice, flag, number
 from ..robot.robot import Robot
 from .estimation import Estimation, Progress
@@ -110,11 +111,7 @@ class CalibrationProblem:
         """
         estimation = self._estimation
         way = METHODS[choice(method, "method", tuple(METHODS))]
-        try:
-            equilibria = estimation.equilibria(estimation.unknowns.initial, progress=progress)
-        except SolveError as error:
-            raise EstimationError(f"the initial parameters have no equilibrium in {error}") from error
-        estimation.prepare(equilibria)
+        equilibria = self._prepared(progress)
         found = way(estimation, equilibria, progress)
         if not found.converged and way is solve_simultaneous:  # as where the data say nothing of some direction
             second = solve_reduced(estimation, equilibria, progress)
@@ -125,12 +122,23 @@ class CalibrationProblem:
         return Fit(estimation, found, method)
 
     def nominal(self) -> Fit:
-        """The initial parameters beside the measurements, as if they had been found: their residuals."""
-        estimation = self._estimation
-        equilibria = estimation.equilibria(estimation.unknowns.initial)
-        estimation.prepare(equilibria)
-        moments = [each.unknowns for each in equilibria]
-        return Fit(estimation, Found(estimation.unknowns.initial, moments, True, "nominal", 0), "nominal")
+        """The initial parameters beside the measurements, as if they had been found: their residuals.
+
+        Raises
+        ------
+        EstimationError
+            They have no equilibrium in some experiment.
+        """
+        moments = [each.unknowns for each in self._prepared()]
+        initial = self._estimation.unknowns.initial
+        return Fit(self._estimation, Found(initial, moments, True, "nominal", 0), "nominal")
+
+    def _prepared(self, progress: Progress | None = None) -> list[Equilibrium]:
+        """The equilibria that the estimation starts from, its models built."""
+        initial = self._estimation.unknowns.initial
+        equilibria = self._estimation.equilibria_of(initial, "the initial parameters", progress)
+        self._estimation.prepare(equilibria)
+        return equilibria
 
 
 def _failure(estimation: Estimation, found: Found, method: str) -> str:

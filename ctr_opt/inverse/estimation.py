@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..equilibrium import Equilibrium
-from ..errors import DefinitionError, SolveError
+from ..errors import DefinitionError, EstimationError, SolveError
 from ..forward import ForwardProblem
 from ..mechanics.sections import Configuration
 from ..robot.checks import Array, choice
@@ -124,6 +124,9 @@ class Estimation:
         self.scaled = scaled == {True}
         if not self.scaled and loss in ("huber", "cauchy"):
             raise DefinitionError(f"loss = {loss!r} needs the sigma of every measurement, to tell what is an outlier")
+        known = [entry.name for entry in self.unknowns.entries if np.isfinite(entry.prior_sigma).any()]
+        if not self.scaled and known:
+            raise DefinitionError(f"{known[0]}: a prior needs the sigma of every measurement, to be weighed with them")
         self.layouts = self._layouts()
         self.losses = {size: Loss(self.loss, size) for size in {b[1] for each in self.layouts for b in each.blocks}}
         self.models: list[Group] = []
@@ -204,6 +207,13 @@ class Estimation:
             if progress is not None:
                 progress("equilibria", k + 1, len(self.experiments))
         return found
+
+    def equilibria_of(self, x: Array, whose: str, progress: Progress | None = None) -> list[Equilibrium]:
+        """The same, each from nothing; where there is none, ``EstimationError`` says ``whose`` values these are."""
+        try:
+            return self.equilibria(x, progress=progress)
+        except SolveError as error:
+            raise EstimationError(f"{whose} have no equilibrium in {error}") from error
 
     @property
     def _forward(self) -> bool | None:

@@ -105,9 +105,12 @@ def parameter_table(fit: Fit) -> list[str]:
 
 
 def _open(fit: Fit) -> list[str]:
+    lines = []
+    if fit.vague:
+        lines += ["", f"  Known only vaguely, to no better than their size: {', '.join(map(symbol, fit.vague))}"]
     if not fit.undetermined:
-        return []
-    lines = ["", "  Not determined by these data:"]
+        return lines
+    lines += ["", "  Not determined by these data:"]
     lines += [f"    {direction}" for direction in fit.undetermined]
     if fit.ratios:
         lines += ["  What they do determine:"]

@@ -61,6 +61,7 @@ class Parameter:
         ``"experiments[3].rotations"``. With ``tied``, a name of your own for a common factor.
     prior
         ``(mean, standard deviation)``, numbers or arrays of the parameter's shape: known before the data are seen.
+        Every measurement must then have its ``sigma``.
     bounds
         ``(least, most)``, likewise. Default: stiffnesses, moduli, diameters and lengths stay positive, within a factor
         of 100; angles within half a turn; others are free. No translation puts a base in front of the entry point.
@@ -108,6 +109,11 @@ class Unknown:
     def size(self) -> int:
         """How many numbers it is."""
         return len(self.initial)
+
+    @property
+    def of_robot(self) -> bool:
+        """Whether it belongs to the robot, not to an experiment or its actuation."""
+        return self.experiment is None and not self.acts_on[0].startswith(("rotations[", "translations["))
 
 
 class Unknowns:
@@ -187,10 +193,7 @@ class Unknowns:
     @cached_property
     def moves_experiments(self) -> bool:
         """Whether any of them acts on actuations or loads."""
-        return any(
-            entry.experiment is not None or entry.acts_on[0].startswith(("rotations[", "translations["))
-            for entry in self.entries
-        )
+        return not all(entry.of_robot for entry in self.entries)
 
     def experiment_at(self, x: Array, k: int) -> tuple[Actuation, tuple[Load, ...]]:
         """Actuation and loads of an experiment with these values."""

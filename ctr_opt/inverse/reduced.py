@@ -125,9 +125,13 @@ def solve_reduced(
     bounds = tuple(each[free] / scale for each in unknowns.bounds)
     accuracy: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12}
     result = least_squares(problem.residuals, x[free] / scale, problem.jacobian, bounds, max_nfev=200, **accuracy)
-    found = problem.all(result.x)
-    final = estimation.equilibria(found, problem.equilibria)
+    found, count = problem.all(result.x), int(result.njev or 0)
+    try:
+        final = estimation.equilibria(found, problem.equilibria)
+    except SolveError as error:
+        last = [each.unknowns for each in problem.equilibria]
+        return Found(found, last, False, f"no equilibrium in {error}", count)
     moments = [each.unknowns for each in final]
     linearized = estimation.linearize(found, moments)
     moments = [z + each.step() for z, each in zip(moments, linearized, strict=True)]
-    return Found(found, moments, bool(result.status > 0), str(result.message), int(result.njev or 0))
+    return Found(found, moments, bool(result.status > 0), str(result.message), count)
