@@ -137,7 +137,7 @@ def _statistics(name: str, e: Array) -> list[str]:
 def hold_out_table(fit: Fit, held: Fit) -> list[str]:
     """Errors of experiments that were fitted, and of others that the same estimates predict.
 
-    Distances and angles, and what is predicted minus what is measured along the world's axes: mean ± standard deviation.
+    Distances and angles; predicted minus measured along the world's axes, mean ± standard deviation.
     """
     rows = []
     for name in points_by_place(fit):
@@ -186,7 +186,10 @@ def _parameters(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
     rows = []
     for k, label in enumerate(first.labels):
         factor, unit = unit_of(label)
-        row = [f"{symbol(label)} [{unit}]", f"{factor * first.estimation.unknowns.initial[k]:.6g}"]
+        row = [
+            f"{symbol(label)} [{unit}]" if unit else symbol(label),
+            f"{factor * first.estimation.unknowns.initial[k]:.6g}",
+        ]
         for fit in fits.values():
             value, error = fit.estimates[k], fit.deviations[k]
             row.append(f"{factor * value:.5g} ± {factor * error:.2g}" if np.isfinite(error) else "not determined")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from ..equilibrium import Equilibrium
-from ..errors import EstimationError
+from ..errors import DefinitionError, EstimationError
 from ..robot.checks import choice, flag, number
 from ..robot.robot import Robot
 from .estimation import Estimation, Progress

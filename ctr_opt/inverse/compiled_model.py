@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import EstimationError
 from ..mechanics.sections import SAME_POINT
@@ -18,8 +19,8 @@ from ..solvers.native import LoadRows
 from .measurements import Distal, Predicted, Request
 
 _KINDS = ("pose", "torque")
-_APART = 10.0 * SAME_POINT
 _SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
+_APART = 10.0 * SAME_POINT  # of the longest tube
 
 
 def compilable(
@@ -71,7 +72,7 @@ class CompiledModel:
         model = self._model(robot, experiments)
         told = model.at(z)
         if told.failed.any():
-            told = model.moved(robot, _parted(robot, experiments, told.failed)).at(z)
+            told = model.moved(robot, _parted(robot, experiments, np.flatnonzero(told.failed))).at(z)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
@@ -105,14 +106,13 @@ def _joints(experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Array:
     return np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
 
 
-def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], those: Array) -> Array:
-    """Joints with the tubes of some experiments drawn back a little, each by more than the one before.
+def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], those: NDArray[np.intp]) -> Array:
+    """Joints with the tubes of ``those`` experiments drawn back a little, each by more than the one inside it.
 
     Where break points coincide, derivatives by translations have two sides: this chooses one.
     """
     joints, tubes = _joints(experiments), len(robot.tubes)
-    apart = _APART * max(tube.length for tube in robot.tubes)
-    joints[those != 0, tubes:] -= apart * np.arange(1, tubes + 1)
+    joints[those, tubes:] -= _APART * max(tube.length for tube in robot.tubes) * np.arange(1, tubes + 1)
     return joints
 
 

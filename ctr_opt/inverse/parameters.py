@@ -118,8 +118,8 @@ class Unknown:
 
     @property
     def of_robot(self) -> bool:
-        """Whether it belongs to the robot, not to an experiment or its actuation."""
-        return self.experiment is None and not self.acts_on[0].startswith(("rotations[", "translations["))
+        """Whether it belongs to the robot, not to an experiment, its actuation or a sensor."""
+        return self.experiment is None and not self.acts_on[0].startswith(_OFF_ROBOT)
 
 
 class Unknowns:
