@@ -17,16 +17,29 @@ class Comparison:
     """
 
     def __init__(self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]) -> None:
-        self._columns = list(zip(*measurements, strict=True))  # the same measurement in all experiments
-        self._whiteners = [np.array([whitener(each) for each in column]) for column in self._columns]
+        self._columns = [_Column(list(column), whitener) for column in zip(*measurements, strict=True)]
 
     def compare(self, predictions: Sequence[Predicted]) -> tuple[Array, Array]:
         """Whitened misfits ``(experiments, numbers)`` and their derivatives, from predictions of all experiments."""
         misfits, rates, start = [], [], 0
-        for column, whitener in zip(self._columns, self._whiteners, strict=True):
-            end = start + len(column[0].requests)
-            values, slopes = column[0].compare(column, predictions[start:end])
-            start, count = end, len(column)
-            misfits.append(np.matmul(whitener, values[..., None]).reshape(count, -1))
-            rates.append(np.matmul(whitener, slopes).reshape(count, -1, slopes.shape[-1]))
+        for column in self._columns:
+            misfit, rate = column.compare(predictions[start : start + column.requests])
+            start += column.requests
+            misfits.append(misfit)
+            rates.append(rate)
         return np.concatenate(misfits, axis=1), np.concatenate(rates, axis=1)
+
+
+class _Column:
+    """The same measurement in all experiments."""
+
+    def __init__(self, measurements: list[Measurement], whitener: Callable[[Measurement], Array]) -> None:
+        self.measurements = measurements
+        self.requests = len(measurements[0].requests)
+        self._whitener = np.array([whitener(each) for each in measurements])
+
+    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+        values, rates = self.measurements[0].compare(self.measurements, found)
+        count = len(values)
+        misfit = np.matmul(self._whitener, values[..., None])[..., 0]
+        return misfit.reshape(count, -1), np.matmul(self._whitener, rates).reshape(count, -1, rates.shape[-1])

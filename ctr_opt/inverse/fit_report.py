@@ -209,7 +209,7 @@ def _by_place(fit: Fit, kinds: tuple[type, ...]) -> dict[str, list[Residual]]:
             name = f"end of tube {place.tube}"
         else:
             name = f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
-        found.setdefault(name if one.sensor is None else f"{one.sensor}, {name}", []).append(each)
+        found.setdefault(name if one.sensor is None else f"{name} ({one.sensor})", []).append(each)
     return found
 
 
