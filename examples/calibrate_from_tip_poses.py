@@ -22,7 +22,7 @@ stiffnesses += [f"tubes[{i}].torsional_stiffness" for i in range(3)]
 curved = [ctr.Parameter(f"precurvature of tube {i}", tied=f"tubes[{i}].precurvature[1].curvature") for i in range(3)]
 parameters = [*homes, *stiffnesses, *curved, "sensors.coil.translation", "sensors.coil.rotation"]
 
-# A fifth, drawn at random, is not fitted. Where there is no C compiler: compiled=False, and two minutes for two seconds.
+# A fifth, drawn at random, is not fitted. Without a C compiler: compiled=False, and minutes in the place of seconds.
 held = np.random.default_rng(7).permutation(len(poses))[: len(poses) // 5]
 fitted = [each for k, each in enumerate(poses) if k not in held]
 fit = ctr.CalibrationProblem(robot, fitted, parameters, compiled=True).solve()
