@@ -48,6 +48,9 @@ MESSAGES = {
     "mirrored pose": (lambda: Pose(None, mirrored()), ["pose", "no rotation"]),
     "pose of another row": (lambda: Pose(None, np.eye(4)[::-1]), ["pose"]),
     "pose of a scale": (lambda: Pose(None, np.diag([1.0, 1.0, 1.0, 2.0])), ["pose", "last row"]),
+    "sensor without a name": (lambda: Tangent(None, [0, 0, 1], sensor="my coil"), ["sensor = 'my coil'", "letters"]),
+    "a sensor at two places": (lambda: Position([0.1, None], np.zeros((2, 3)), sensor="coil"), ["'coil'", "one place"]),
+    "no such sensor": (lambda: problem(["sensors.coil.rotation"]), ["sensors.coil.rotation", "'coil'", "none"]),
     "pose of no tube": (lambda: Pose(None, np.eye(4), tube="inner"), ["tube", "'inner'"]),
     "axes of a tangent": (lambda: Tangent(None, [0, 0, 1], [0.1, 0.2]), ["sigma", "[0.1, 0.2]", "must be a number"]),
     "no direction": (lambda: Tangent(None, [0.0, 0.0, 0.0]), ["direction", "zero"]),
@@ -227,7 +230,7 @@ def test_figures(mixed):
     plt.close(figure)
     ax = plot_residuals(mixed)
     points_drawn = len(ax.lines[0].get_xdata())
-    assert points_drawn == 6 * 3 + 1  # points alone: a curvature of three numbers is none
+    assert points_drawn == 6 * 4 + 1  # points and poses alone: a curvature of three numbers is none
     plt.close(ax.figure)
 
 

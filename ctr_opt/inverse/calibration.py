@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from ..equilibrium import Equilibrium
-from ..errors import EstimationError
+from ..errors import DefinitionError, EstimationError
 from ..robot.checks import choice, flag, number
 from ..robot.robot import Robot
 from .estimation import Estimation, Progress
@@ -15,6 +15,7 @@ from .experiment import Experiment
 from .fit import Fit
 from .parameters import Parameter
 from .reduced import Found, solve_reduced
+from .sensors import names_of
 from .simultaneous import solve_simultaneous
 
 METHODS: dict[str, Callable[..., Found]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
@@ -81,6 +82,16 @@ class CalibrationProblem:
         accepted = number(tolerance, "tolerance", least=1e-11, most=1e-2)
         wanted = compiled if compiled is None else flag(compiled, "compiled")
         self._estimation = Estimation(robot, experiments, self.parameters, loss, accepted, wanted)
+        self._check_sensors()
+
+    def _check_sensors(self) -> None:
+        """Refuse poses of sensors that nothing was measured with."""
+        there = names_of([request for each in self.experiments for request in each.requests])
+        for entry in self._estimation.unknowns.entries:
+            name = entry.acts_on[0].split(".")[1] if entry.acts_on[0].startswith("sensors.") else None
+            if name is not None and name not in there:
+                known = ", ".join(map(repr, there)) or "none"
+                raise DefinitionError(f"{entry.name!r}: no measurement is of a sensor {name!r}; there are: {known}")
 
     @property
     def robot(self) -> Robot:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import EstimationError
+from ..mechanics.sections import SAME_POINT
 from ..predictions import Predictions, Probe, supported
 from ..robot.actuation import Actuation
 from ..robot.checks import Array
@@ -18,6 +20,7 @@ from .measurements import Distal, Predicted, Request
 
 _KINDS = ("pose", "torque")
 _SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
+_APART = 10.0 * SAME_POINT  # of the longest tube
 
 
 def compilable(
@@ -69,6 +72,8 @@ class CompiledModel:
         model = self._model(robot, experiments)
         told = model.at(z)
         if told.failed.any():
+            told = model.moved(robot, _parted(robot, experiments, np.flatnonzero(told.failed))).at(z)
+        if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
         slopes, rates = told.slopes, told.rates
@@ -92,10 +97,23 @@ class CompiledModel:
     def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Predictions:
         """The predictions, made anew only where loads, or what follows from the robot's numbers, are others."""
         if self._kept is not None and self._fixed:
-            joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
-            return self._kept.moved(robot, joints)
+            return self._kept.moved(robot, _joints(experiments))
         self._kept = Predictions(robot, self.acting, experiments, self._probes)
         return self._kept
+
+
+def _joints(experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Array:
+    return np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
+
+
+def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], those: NDArray[np.intp]) -> Array:
+    """Joints with the tubes of ``those`` experiments drawn back a little, each by more than the one inside it.
+
+    Where break points coincide, derivatives by translations have two sides: this chooses one.
+    """
+    joints, tubes = _joints(experiments), len(robot.tubes)
+    joints[those, tubes:] -= _APART * max(tube.length for tube in robot.tubes) * np.arange(1, tubes + 1)
+    return joints
 
 
 def _probe(request: Request) -> Probe:

@@ -28,6 +28,7 @@ from .losses import LOSSES, Loss
 from .measurements import Measurement, Predicted, arc_length_of
 from .model import GroupModel, structure
 from .parameters import Parameter, Unknowns
+from .sensors import names_of, sensed
 
 Progress = Callable[[str, int, int], None]
 """Called with what is done, how far it is, and how much there is."""
@@ -86,12 +87,15 @@ class Layout:
 class Group:
     """Experiments that one model serves; ``mixing (E, numbers, own)``: what acts on each by unknowns ``own (E, j)``.
 
+    ``mounting (E, 6 k, own)``: the same of the poses of the ``sensors`` on tubes, which act on predictions alone.
     In the virtual machine ``start (E, k)`` are all numbers at the initial values; ``symbolic.active`` of them move.
     """
 
     members: list[int]
     own: NDArray[np.intp]
     mixing: Array
+    mounting: Array
+    sensors: tuple[str, ...]
     unit: Array
     comparison: Comparison
     compiled: CompiledModel | None = None
@@ -231,10 +235,14 @@ class Estimation:
             configuration = Configuration(self.robot, equilibria[first].actuation, each.loads)
             sizes = self.unknowns.sizes(names, first)
             rows = [_rows(self.unknowns.acting(k), sizes, self.unknowns.size) for k in members]
-            own = np.array([np.flatnonzero(row.any(axis=0)) for row in rows])
+            sensors = names_of(each.requests)
+            mounted = self.unknowns.of_sensors(sensors)
+            own = np.array([np.flatnonzero(row.any(axis=0) | mounted.any(axis=0)) for row in rows])
             mixing = np.array([row[:, those] for row, those in zip(rows, own, strict=True)])
+            mounting = np.array([mounted[:, those] for those in own])
             unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
             parts: dict[str, Any] = {"members": members, "own": own, "mixing": mixing, "unit": unit}
+            parts |= {"mounting": mounting, "sensors": sensors}
             parts["comparison"] = Comparison([self.experiments[k].measurements for k in members], self.whitener)
             if compilable(self.robot, each.loads, each.requests, names, self.compiled):
                 self.models.append(
@@ -275,9 +283,14 @@ class Estimation:
         found = []
         for group in self.models:
             residuals, predictions, slopes = self._evaluate(group, x, np.array([moments[k] for k in group.members]))
-            n = len(group.unit)
+            n, numbers = len(group.unit), slopes.shape[-1]
+            if group.sensors:
+                mountings = {name: self.unknowns.mounting(name, x) for name in group.sensors}
+                requests = self.experiments[group.members[0]].requests
+                predictions = sensed(requests, predictions, mountings)
             misfit, rates = group.comparison.compare(predictions)
-            parts = (slopes[..., n:] @ group.mixing, misfit, rates[..., :n], rates[..., n:] @ group.mixing)
+            misfit_x = rates[..., n:numbers] @ group.mixing + rates[..., numbers:] @ group.mounting
+            parts = (slopes[..., n:] @ group.mixing, misfit, rates[..., :n], misfit_x)
             found.append(Linearized(residuals, slopes[..., :n], *parts, group.own))
         return found
 

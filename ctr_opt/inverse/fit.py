@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..equilibrium import Equilibrium
+    from .experiment import Experiment
 
 REJECTED = 1e-3  # probability of the residuals' chi-square below which the given noise level is not believed
 _EXACT = 1e-5  # of the noise level (of 1 mm, 1 mrad, ... where none was given): computed data leave such residuals
@@ -57,6 +58,16 @@ class Residual:
     def size(self) -> float:
         """Norm; of a position its distance, m."""
         return float(np.linalg.norm(self.value))
+
+    @property
+    def distance(self) -> float:
+        """Of a position or pose how far the points are apart, m."""
+        return float(np.linalg.norm(self.value[:3]))
+
+    @property
+    def angle(self) -> float:
+        """Of a tangent or pose how far the axes or frames are turned, rad."""
+        return float(np.linalg.norm(self.value[-3:]))
 
 
 class Fit:
@@ -170,7 +181,7 @@ class Fit:
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot with the estimated parameters.
+        """The robot with the estimated parameters; sensors on it are no part of it.
 
         Raises
         ------
@@ -327,6 +338,18 @@ class Fit:
         from .refits import errors_without
 
         return errors_without(self, experiments)
+
+    def tested(self, experiments: Sequence[Experiment]) -> Fit:
+        """The same estimates beside other experiments, as if they had been found from these: their residuals.
+
+        Raises
+        ------
+        EstimationError
+            The experiments have no equilibrium with the estimates.
+        """
+        from .refits import tested
+
+        return tested(self, experiments, "the estimates")
 
     def bootstrap(self, repetitions: int = 200, *, seed: int = 0) -> Array:
         """Estimates from experiments drawn again with replacement, ``(repetitions, len(labels))``.

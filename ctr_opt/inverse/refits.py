@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import DefinitionError, EstimationError, EstimationWarning
 from ..robot.checks import Array
 from .estimation import Estimation
+from .experiment import Experiment
 from .fit import Fit, Residual
 from .reduced import Found, solve_reduced
 
@@ -53,10 +54,17 @@ def errors_without(fit: Fit, experiments: Sequence[int] | int) -> list[Residual]
     """The residuals of experiments that a fit to the others predicts."""
     numbers = _numbered(fit, experiments)
     other = without(fit, numbers)
-    tested = fit.estimation.of([fit.estimation.experiments[k] for k in numbers])
-    equilibria = tested.equilibria_of(other.found.x, f"the estimates without {_listed(numbers)}")
-    shown = Fit(tested, attrs.evolve(other.found, moments=[each.unknowns for each in equilibria]), fit.method)
+    held = [fit.estimation.experiments[k] for k in numbers]
+    shown = tested(other, held, f"the estimates without {_listed(numbers)}")
     return [attrs.evolve(each, experiment=numbers[each.experiment]) for each in shown.residuals]
+
+
+def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
+    """The same estimates beside other experiments."""
+    _check_shared(fit)
+    others = fit.estimation.of(experiments)
+    moments = [each.unknowns for each in others.equilibria_of(fit.found.x, whose)]
+    return Fit(others, attrs.evolve(fit.found, moments=moments), fit.method)
 
 
 def bootstrap(fit: Fit, repetitions: int, seed: int) -> Array:
