@@ -127,10 +127,9 @@ class CalibrationProblem:
     def nominal(self) -> Fit:
         """The initial parameters beside the measurements, as if they had been found: their residuals."""
         estimation = self._estimation
-        equilibria = estimation.equilibria(estimation.unknowns.initial)
-        estimation.prepare(equilibria)
-        moments = [each.unknowns for each in equilibria]
-        return Fit(estimation, Found(estimation.unknowns.initial, moments, True, "nominal", 0), "nominal")
+        initial = estimation.unknowns.initial
+        states = estimation.states(initial, estimation.equilibria(initial))
+        return Fit(estimation, Found(initial, states, True, "nominal", 0), "nominal")
 
 
 def _failure(estimation: Estimation, found: Found, method: str) -> str:

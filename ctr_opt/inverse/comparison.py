@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..robot.checks import Array
-from .measurements import Measurement, PositionMeasurement, Predicted
+from .measurements import BackboneMeasurement, Measurement, PositionMeasurement, Predicted
+
+_POINTS = (PositionMeasurement, BackboneMeasurement)
 
 
 class Comparison:
@@ -16,9 +18,7 @@ class Comparison:
     ``whitener``: of a measurement.
     """
 
-    def __init__(
-        self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]
-    ) -> None:
+    def __init__(self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]) -> None:
         self._columns = [_Column(list(column), whitener) for column in zip(*measurements, strict=True)]
 
     def compare(self, predictions: Sequence[Predicted]) -> tuple[Array, Array]:
@@ -31,6 +31,24 @@ class Comparison:
             rates.append(rate)
         return np.concatenate(misfits, axis=1), np.concatenate(rates, axis=1)
 
+    def along(self, predictions: Sequence[Predicted]) -> Array:
+        """Derivatives of the whitened misfits by the arc lengths that are estimated, ``(experiments, numbers, k)``.
+
+        A point moves along the tangent of the backbone, by as much as its arc length, and nothing else moves.
+        """
+        size = sum(column.numbers for column in self._columns)
+        count = sum(column.requests for column in self._columns if column.somewhere)
+        found = np.zeros((len(predictions[0].value), size, count))
+        row = place = start = 0
+        for column in self._columns:
+            those = slice(start, start := start + column.requests)
+            if column.somewhere:
+                points = np.arange(column.requests)[:, None]
+                found[:, row + 3 * points + np.arange(3), place + points] = column.tangents(predictions[those])
+                place += column.requests
+            row += column.numbers
+        return found
+
 
 class _Column:
     """The same measurement in all experiments."""
@@ -38,10 +56,12 @@ class _Column:
     def __init__(self, measurements: list[Measurement], whitener: Callable[[Measurement], Array]) -> None:
         self.measurements = measurements
         self.requests = len(measurements[0].requests)
+        self.numbers = int(np.prod(measurements[0].shape))
+        self.somewhere = isinstance(measurements[0], BackboneMeasurement)
         self._whitener = np.array([whitener(each) for each in measurements])
         self._positions = (
-            np.array([each.position for each in measurements if isinstance(each, PositionMeasurement)])
-            if all(isinstance(each, PositionMeasurement) for each in measurements)
+            np.array([each.position for each in measurements if isinstance(each, _POINTS)])
+            if all(isinstance(each, _POINTS) for each in measurements)
             else None
         )
 
@@ -58,3 +78,8 @@ class _Column:
         count = len(values)
         misfit = np.matmul(self._whitener, values[..., None])[..., 0]
         return misfit.reshape(count, -1), np.matmul(self._whitener, rates).reshape(count, -1, rates.shape[-1])
+
+    def tangents(self, found: Sequence[Predicted]) -> Array:
+        """Whitened tangents of the backbone ``(experiments, points, 3)``."""
+        tangents = np.stack([each.value[:, :3, 2] for each in found], axis=1)
+        return np.asarray(np.matmul(self._whitener, tangents[..., None])[..., 0])

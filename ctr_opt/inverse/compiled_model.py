@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ..robot.loads import Load
 from ..robot.robot import Robot
 from ..solvers import compilation
 from ..solvers.native import LoadRows
-from .measurements import Distal, Predicted, Request
+from .measurements import Distal, Predicted, Request, Somewhere
 
 _KINDS = ("pose", "torque")
 _SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
@@ -51,11 +52,11 @@ class CompiledModel:
 
     def __init__(self, requests: Sequence[Sequence[Request]], sizes: Mapping[str, int]) -> None:
         self.requests = requests[0]
-        self._probes = [[_probe(r) for r in own if r.kind == "pose"] for own in requests]
+        self._requests = [[request for request in own if request.kind == "pose"] for own in requests]
         self.acting = list(sizes)
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
-        self._kept: Predictions | None = None
+        self._kept: tuple[list[int], Predictions] | None = None
         self._fixed = not any(name.startswith("loads[") or name.endswith(_SOURCES) for name in sizes)
 
     def evaluate(
@@ -64,9 +65,14 @@ class CompiledModel:
         experiments: Sequence[tuple[Actuation, Sequence[Load]]],
         z: Array,
         angles: Array,
+        s: Array,
     ) -> tuple[Array, list[Predicted], Array]:
-        """As :meth:`GroupModel.evaluate`; ``angles`` are those of the base, by which the robot is turned already."""
-        model = self._model(robot, experiments)
+        """As :meth:`GroupModel.evaluate`.
+
+        ``angles`` are those of the base, by which the robot is turned already; ``s (E, k)``: arc lengths of the points
+        that are somewhere.
+        """
+        model = self._model(robot, experiments, s)
         told = model.at(z)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
@@ -89,20 +95,36 @@ class CompiledModel:
                 found.append(Predicted(-z[:, 2 + request.tube, None], by_z))
         return told.residual, found, slopes
 
-    def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Predictions:
+    def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], s: Array) -> Predictions:
         """The predictions, made anew only where loads, or what follows from the robot's numbers, are others."""
-        if self._kept is not None and self._fixed:
+        lengths = [tube.length for tube in robot.tubes]
+        longest = [int(np.argmax(lengths + actuation.translations)) for actuation, _ in experiments]
+        if self._kept is not None and self._fixed and self._kept[0] == longest:
             joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
-            return self._kept.moved(robot, joints)
-        self._kept = Predictions(robot, self.acting, experiments, self._probes)
-        return self._kept
+            return self._kept[1].moved(robot, joints, {k: s[:, j] for j, k in enumerate(self._somewhere)})
+        probes = [
+            _probes(own, tube, places) for own, tube, places in zip(self._requests, longest, s.tolist(), strict=True)
+        ]
+        self._kept = longest, Predictions(robot, self.acting, experiments, probes)
+        return self._kept[1]
+
+    @cached_property
+    def _somewhere(self) -> list[int]:
+        """The probes that are somewhere."""
+        return [k for k, request in enumerate(self._requests[0]) if isinstance(request.place, Somewhere)]
 
 
-def _probe(request: Request) -> Probe:
-    place = request.place
-    if isinstance(place, Distal):
-        return Probe(None, place.tube)
-    return Probe(place, request.tube)
+def _probes(requests: Sequence[Request], longest: int, s: list[float]) -> list[Probe]:
+    """The probes of an experiment, those of points somewhere on its longest tube."""
+    somewhere = iter(s)
+    return [
+        Probe(next(somewhere), longest)
+        if isinstance(request.place, Somewhere)
+        else Probe(None, request.place.tube)
+        if isinstance(request.place, Distal)
+        else Probe(request.place, request.tube)
+        for request in requests
+    ]
 
 
 def euler_rates(angles: Array) -> Array:

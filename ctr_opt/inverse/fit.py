@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import DefinitionError, EstimationError
 from ..robot.checks import Array
 from ..robot.robot import Robot
 from .estimation import Estimation, Linearized
-from .measurements import arc_length_of
+from .measurements import Somewhere, arc_length_of
 from .reduced import Found, solve_reduced
 from .uncertainty import (
     Determined,
@@ -47,7 +48,7 @@ class Residual:
     """Which of the measurement's: of several points, its number."""
 
     arc_length: float
-    """Where it was measured, m, as the fit has it."""
+    """Where it was measured, m, as the fit has it; of points at unknown arc lengths its estimate."""
 
     value: Array
 
@@ -189,12 +190,14 @@ class Fit:
         found = []
         for k, (experiment, each) in enumerate(zip(self._estimation.experiments, self._linearized, strict=True)):
             ends = lengths + unknowns.experiment_at(x, k)[0].translations
-            start = 0
+            start, places = 0, iter(each.places * ends.max())
             for j, measured in enumerate(experiment.measurements):
                 count, size = measured.shape
                 for i, request in enumerate(measured.requests[:count]):
                     value = np.linalg.solve(self._estimation.whitener(measured)[i], each.misfit[start : start + size])
-                    found.append(Residual(k, j, i, arc_length_of(request.place, ends), value))
+                    place = request.place
+                    s = float(next(places)) if isinstance(place, Somewhere) else arc_length_of(place, ends)
+                    found.append(Residual(k, j, i, s, value))
                     start += size
         return found
 
@@ -209,11 +212,25 @@ class Fit:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Numbers measured, and known by priors, less parameters determined by them."""
-        numbers = sum(len(each.misfit) for each in self._linearized)
+        """Numbers measured, and known by priors, less parameters determined by them and arc lengths of points.
+
+        An arc length that the entry point, the tip or another point's bounds is none that was estimated.
+        """
+        numbers = int(self._numbers.sum())
         if self._estimation.scaled:
             numbers += int(np.isfinite(self._estimation.unknowns.prior[1]).sum())
         return int(max(numbers - self._determined.known.shape[1], 0))
+
+    @cached_property
+    def _numbers(self) -> NDArray[np.intp]:
+        """Numbers that each experiment has for the parameters: those measured less arc lengths that they tell."""
+        layouts = self._estimation.layouts
+        return np.array(
+            [
+                len(each.misfit) - layout.along(each).shape[1]
+                for layout, each in zip(layouts, self._linearized, strict=True)
+            ]
+        )
 
     @property
     def noise(self) -> float:
@@ -262,7 +279,7 @@ class Fit:
         from scipy.stats import chi2
 
         squares = np.array([each.misfit @ each.misfit for each in self._linearized])
-        sizes = np.array([len(each.misfit) for each in self._linearized])
+        sizes = np.maximum(self._numbers, 1)
         level = np.median(squares / chi2.median(sizes))
         probabilities = chi2.sf(squares / level, sizes)
         return [int(k) for k in np.flatnonzero(probabilities < _OUTLIER / len(sizes))]
@@ -297,7 +314,7 @@ class Fit:
             x = self._found.x.copy()
             x[k] = value
             found = solve_reduced(self._estimation, self.equilibria, start=x, fixed=[k])
-            linearized = self._estimation.linearize(found.x, found.moments)
+            linearized = self._estimation.linearize(found.x, found.states)
             costs.append(self._estimation.cost(linearized) + self._estimation.prior_cost(found.x) - self.objective)
         return values, np.array(costs)
 
@@ -322,8 +339,8 @@ class Fit:
         other = self.without(numbers)
         held = [self._estimation.experiments[k] for k in numbers]
         tested = self._estimation.of(held)
-        moments = [each.unknowns for each in tested.equilibria(other._found.x)]
-        shown = Fit(tested, attrs.evolve(other._found, moments=moments), self.method)
+        states = tested.states(other._found.x, tested.equilibria(other._found.x))
+        shown = Fit(tested, attrs.evolve(other._found, states=states), self.method)
         return [attrs.evolve(each, experiment=numbers[each.experiment]) for each in shown.residuals]
 
     def bootstrap(self, repetitions: int = 200, *, seed: int = 0) -> Array:
@@ -375,7 +392,7 @@ class Fit:
     def _linearized(self) -> list[Linearized]:
         if not self._estimation.prepared:
             self._estimation.prepare(self.equilibria)
-        return self._estimation.linearize(self._found.x, self._found.moments)
+        return self._estimation.linearize(self._found.x, self._found.states)
 
     @cached_property
     def _information(self) -> Information:
@@ -385,8 +402,7 @@ class Fit:
     def _determined(self) -> Determined:
         level = 1.0
         if self._estimation.loss == "squared" and not self._estimation.scaled:
-            numbers, size = sum(len(each.misfit) for each in self._linearized), len(self._found.x)
-            level = self.chi_squared / max(numbers - size, 1)
+            level = self.chi_squared / max(int(self._numbers.sum()) - len(self._found.x), 1)
         return determined(self._information.matrix / max(level, 1e-12) + self._information.prior)
 
     @property

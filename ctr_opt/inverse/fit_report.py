@@ -9,7 +9,7 @@ import numpy as np
 from ..robot.checks import Array
 from .fit import REJECTED
 from .losses import SMOOTHING
-from .measurements import Distal, Place, PositionMeasurement
+from .measurements import BackboneMeasurement, Distal, Place, PositionMeasurement, Somewhere
 from .uncertainty import symbol
 
 if TYPE_CHECKING:
@@ -56,12 +56,17 @@ def fit_report(fit: Fit) -> str:
 def _heading(fit: Fit) -> list[str]:
     estimation = fit.estimation
     numbers = sum(each.numbers for each in estimation.experiments)
+    places = sum(layout.places for layout in estimation.layouts)
     lines = [
         f"Fit of {len(fit.labels)} numbers to {len(estimation.experiments)} experiments ({numbers} numbers measured)",
         _row("method", f"{fit.method}, {fit.iterations} iterations"),
         _row("loss", _loss(fit)),
         _row("condition", f"{fit.condition:.2g} (information matrix, in the parameters' scales)"),
     ]
+    if places:
+        lines.append(
+            _row("arc lengths", f"{places} of points somewhere on the backbone, estimated beside the parameters")
+        )
     if estimation.scaled:
         lines.append(
             _row("chi-square", f"{fit.chi_squared:.1f} at {fit.degrees_of_freedom} degrees of freedom{_verdict(fit)}")
@@ -152,9 +157,11 @@ def residual_lines(fit: Fit) -> list[str]:
     return lines
 
 
-def place_of(fit: Fit, residual: Residual) -> tuple[Place] | None:
+def place_of(fit: Fit, residual: Residual) -> tuple[Place | Somewhere] | None:
     """Where a point was measured, alone in a tuple; None if the residual is not that of a point."""
     measurement = fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
+    if isinstance(measurement, BackboneMeasurement):
+        return (Somewhere(),)
     return (measurement.arc_length[residual.block],) if isinstance(measurement, PositionMeasurement) else None
 
 
@@ -164,7 +171,7 @@ def is_point(fit: Fit, residual: Residual) -> bool:
 
 
 def point_errors(fit: Fit) -> dict[str, Array]:
-    """Distances of measured points (m) by where they are: ends of tubes, the tip, or arc lengths."""
+    """Distances of measured points (m) by where they are: ends of tubes, the tip, arc lengths, or somewhere."""
     places = [(place_of(fit, each), each.size) for each in fit.residuals]
     points = [(place[0], size) for place, size in places if place is not None]
     few = len({place for place, _ in points if isinstance(place, float)}) <= _FEW
@@ -174,6 +181,8 @@ def point_errors(fit: Fit) -> dict[str, Array]:
             name = "tip"
         elif isinstance(place, Distal):
             name = f"end of tube {place.tube}"
+        elif isinstance(place, Somewhere):
+            name = "somewhere along it"
         else:
             name = f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
         found.setdefault(name, []).append(size)

@@ -23,7 +23,7 @@ from ..robot.loads import Load, LoadTable
 from ..robot.parameters import Parameter, parameters
 from ..robot.robot import Robot
 from ..transcription.parametric_problem import Discretized, ParametricProblem
-from .measurements import Distal, Predicted, Request, arc_length_of
+from .measurements import Distal, Predicted, Request, Somewhere, arc_length_of
 
 SIZES = {"pose": 12, "curvature": 3, "torque": 1}
 _PROBES = "probes"
@@ -55,12 +55,23 @@ def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable
 
 
 def carrier(request: Request, ends: Array) -> int:
-    """The tube whose frame a pose is: the one that ends there, or the innermost that is there."""
+    """The tube whose frame a pose is: the one that ends there, or the innermost that is there; or the longest."""
     if request.tube is not None:
         return request.tube
     if isinstance(request.place, Distal):
         return request.place.tube
+    if isinstance(request.place, Somewhere):
+        return int(np.argmax(ends))
     return int(np.argmax(ends >= arc_length_of(request.place, ends) - 1e-9 * ends.max()))
+
+
+def _numbers(requests: Sequence[Request]) -> Array:
+    """The places that are numbers; zero where they are estimated."""
+    return np.array([r.place if isinstance(r.place, float) else 0.0 for r in requests if _numbered(r)])
+
+
+def _numbered(request: Request) -> bool:
+    return isinstance(request.place, (float, Somewhere))
 
 
 def _jumps(request: Request) -> bool:
@@ -84,7 +95,7 @@ class GroupModel:
         known = parameters(configuration.robot, configuration.actuation, configuration.loads)
         of_loads = [name for name, each in known.items() if name.startswith("loads[") and not each.idle]
         data = ["rotations", "translations", *of_loads]
-        places = np.array([r.place for r in self.requests if isinstance(r.place, float)])
+        places = _numbers(self.requests)
         probes = [Parameter(_PROBES, places)] if len(places) else []
         own = [known[name] for name in self.acting if name not in data]
         self.problem = ParametricProblem(
@@ -125,6 +136,13 @@ class GroupModel:
         """The numbers by which there are derivatives, behind those by the unknowns."""
         parts = self.problem.parts
         return [k for name in self.acting for k in range(parts[name].start, parts[name].stop)]
+
+    @cached_property
+    def somewhere(self) -> list[int]:
+        """The numbers that are places which are estimated."""
+        numbered = [request for request in self.requests if _numbered(request)]
+        start = self.problem.parts[_PROBES].start if numbered else 0
+        return [start + k for k, request in enumerate(numbered) if isinstance(request.place, Somewhere)]
 
     @cached_property
     def function(self) -> ca.Function:
@@ -185,7 +203,7 @@ class GroupModel:
         theta = np.empty(int(self.problem.theta.shape[0]))
         for name, part in self.problem.parts.items():
             if name == _PROBES:
-                theta[part] = [r.place for r in requests if isinstance(r.place, float)]
+                theta[part] = _numbers(requests)
             elif name in values:
                 theta[part] = np.ravel(values[name])
             else:
