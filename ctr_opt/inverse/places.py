@@ -89,7 +89,7 @@ def free(places: Array, those: Orders) -> Array:
             if 0.0 < own[member][0] < 1.0:
                 rows.append(np.zeros(len(places)))
                 rows[-1][start:end] = member
-    return np.reshape(rows, (-1, len(places))).T
+    return np.reshape(rows, (len(rows), len(places))).T
 
 
 def across(slopes: Array, along: Array) -> Array:
