@@ -63,11 +63,11 @@ class Linearized:
 
     def step(self) -> Array:
         """Newton's step of the base moments to the equilibrium of the model's own mesh."""
-        return np.asarray(-np.linalg.solve(self.residual_z, self.residual))
+        return np.asarray(-np.linalg.solve(self.residual_z, self.residual[..., None])[..., 0])
 
     def settled(self) -> Array:
         """The misfit there, to first order."""
-        return np.asarray(self.misfit + self.misfit_z @ self.step())
+        return np.asarray(self.misfit + (self.misfit_z @ self.step()[..., None])[..., 0])
 
     def of(self, k: int) -> Linearized:
         """That of one experiment of a group."""
@@ -90,8 +90,8 @@ class Layout:
         return self.orders[-1][1] if self.orders else 0
 
     def along(self, each: Linearized) -> Array:
-        """Slopes of the misfit by the places that may move, pooled ones together."""
-        return each.misfit_s @ free(each.places, self.orders)
+        """Slopes of the misfit by the places that may move, pooled ones together; zero by the others."""
+        return np.asarray(each.misfit_s @ free(each.places, self.orders))
 
     @cached_property
     def starts(self) -> NDArray[np.intp]:
@@ -247,8 +247,8 @@ class Estimation:
     def _loss_of_points(self, squared: Array) -> Array:
         return self.losses[3].evaluate(squared)[0]
 
-    def settled(self, x: Array, states: Sequence[Array]) -> list[Array]:
-        """States near some others, the model in equilibrium and points where they fit best.
+    def settled(self, x: Array, states: Sequence[Array], *, solved: bool = True) -> list[Array]:
+        """States near some others where the points fit best; ``solved``: and the model is in equilibrium.
 
         Newton's steps of the base moments and those of Gauss and Newton of the places, shortened where these go to and
         fro, as where a point is far from the backbone on the outer side of a bend.
@@ -256,24 +256,33 @@ class Estimation:
         found = [state.copy() for state in states]
         if not any(layout.places for layout in self.layouts):
             return found
-        before = [np.zeros(layout.places) for layout in self.layouts]
-        gains = [np.ones(layout.places) for layout in self.layouts]
+        before = [np.zeros((len(group.members), self._of(group).places)) for group in self.models]
+        gains = [np.ones(each.shape) for each in before]
         for _ in range(_MOST_MOVES):
-            for k, each in enumerate(self.linearize(x, found)):
-                step = self._moved(k, each, gains[k]) - each.places
-                gains[k][(step * before[k] < 0.0) & (np.abs(step) > 0.5 * np.abs(before[k]))] *= 0.5
-                found[k] += np.concatenate((each.step(), step))
-                before[k] = step
+            for g, each in enumerate(self.linearize_groups(x, found)):
+                group = self.models[g]
+                misfit, moments = each.misfit, np.zeros_like(each.residual)
+                if solved:
+                    misfit, moments = each.settled(), each.step()
+                step = self._moved(self._of(group), each, misfit, gains[g]) - each.places
+                gains[g][(step * before[g] < 0.0) & (np.abs(step) > 0.5 * np.abs(before[g]))] *= 0.5
+                before[g] = step
+                for k, change in zip(group.members, np.hstack((moments, step)), strict=True):
+                    found[k] += change
             if max(np.abs(step).max(initial=0.0) for step in before) < _SETTLED:
                 break
         return found
 
-    def _moved(self, k: int, each: Linearized, gains: Array) -> Array:
-        """Where the points of an experiment go by the misfits' slopes; ``gains``: how far of the way."""
-        layout, misfit = self.layouts[k], each.settled()
-        weighted = np.repeat(2.0 * self.losses_of(layout, misfit)[1], layout.sizes)[:, None] * each.misfit_s
-        curvatures = (weighted * each.misfit_s).sum(axis=0) / gains
-        return moved(each.places, misfit @ weighted, curvatures, layout.orders)
+    def _moved(self, layout: Layout, each: Linearized, misfit: Array, gains: Array) -> Array:
+        """Where the points of a group's experiments go by the slopes of a misfit; ``gains``: how far of the way."""
+        weights = np.repeat(2.0 * self.losses_of(layout, misfit)[1], layout.sizes, axis=-1)
+        slopes = np.einsum("en,enk->ek", weights * misfit, each.misfit_s)
+        curvatures = np.einsum("en,enk->ek", weights, each.misfit_s**2) / gains
+        return moved(each.places, slopes, curvatures, layout.orders)
+
+    def _of(self, group: Group) -> Layout:
+        """The layout of a group's experiments."""
+        return self.layouts[group.members[0]]
 
     @property
     def _forward(self) -> bool | None:
@@ -319,11 +328,11 @@ class Estimation:
 
     @property
     def units(self) -> list[Array]:
-        """Sizes of each experiment's state."""
+        """Sizes of each experiment's base moments."""
         found: list[Array] = [np.zeros(0)] * len(self.experiments)
         for group in self.models:
             for k in group.members:
-                found[k] = np.concatenate((group.unit, np.ones(self.layouts[k].places)))
+                found[k] = group.unit
         return found
 
     # -- evaluation ------------------------------------------------------------------------------------------------

@@ -227,7 +227,7 @@ class Fit:
         layouts = self._estimation.layouts
         return np.array(
             [
-                len(each.misfit) - layout.along(each).shape[1]
+                len(each.misfit) - layout.along(each).any(axis=0).sum()
                 for layout, each in zip(layouts, self._linearized, strict=True)
             ]
         )

@@ -64,7 +64,7 @@ def _in_order(costs: Array) -> list[int]:
 
 
 def moved(places: Array, slopes: Array, curvatures: Array, those: Orders) -> Array:
-    """Places of the least second-order model of a loss, with a curvature of each, between 0 and 1 and in order.
+    """Places ``(..., k)`` of the least second-order model of a loss, separate for each, from 0 to 1 and in order.
 
     What stands against the order is pooled (isotonic regression).
     """
@@ -72,34 +72,44 @@ def moved(places: Array, slopes: Array, curvatures: Array, those: Orders) -> Arr
 
     found = places - slopes / curvatures
     for start, end, ordered in those:
-        if ordered:
-            found[start:end] = isotonic_regression(found[start:end], weights=curvatures[start:end]).x
+        for where in np.ndindex(found.shape[:-1] if ordered else 0):
+            own = found[where][start:end]
+            own[:] = isotonic_regression(own, weights=curvatures[where][start:end]).x
     return np.asarray(np.clip(found, 0.0, 1.0))
 
 
 def free(places: Array, those: Orders) -> Array:
-    """The ways in which places may move, ``(places, k)``: each on its own, pooled ones together, none at an end."""
-    rows = []
+    """The ways in which places ``(..., k)`` may move, as columns ``(..., k, k)``.
+
+    A place moves in its own column, or in that of the first one with which it is pooled; those at the entry point or
+    the tip do not, and leave their columns zero.
+    """
+    first = np.ones(places.shape, dtype=bool)
     for start, end, ordered in those:
-        own = places[start:end]
-        first = np.ones(end - start, dtype=bool)
         if ordered:
-            first[1:] = own[1:] > own[:-1]
-        for member in np.cumsum(first) == np.arange(1, first.sum() + 1)[:, None]:
-            if 0.0 < own[member][0] < 1.0:
-                rows.append(np.zeros(len(places)))
-                rows[-1][start:end] = member
-    return np.reshape(rows, (len(rows), len(places))).T
+            first[..., start + 1 : end] = places[..., start + 1 : end] > places[..., start : end - 1]
+    pools = np.cumsum(first, axis=-1)
+    moves = first & (places > 0.0) & (places < 1.0)
+    return np.asarray((pools[..., :, None] == pools[..., None, :]) & moves[..., None, :], dtype=np.float64)
 
 
 def across(slopes: Array, along: Array) -> Array:
-    """Slopes ``(numbers, k)`` with what the columns of ``along``, of which no two share a row, can explain removed."""
-    if not along.shape[1]:
-        return slopes
-    return np.asarray(slopes - along @ ((along.T @ slopes) / (along**2).sum(axis=0)[:, None]))
+    """Slopes ``(numbers, j)`` without what the columns of ``along``, no two of which share a row, can explain."""
+    return np.asarray(slopes - along @ _over(along.T @ slopes, (along**2).sum(axis=0)))
 
 
-def eliminated(hessian: Array, gradients: Array, kept: int) -> tuple[Array, Array]:
-    """A Hessian, and gradients ``(blocks, unknowns)``, of the first unknowns, the others following at their best."""
-    follow = np.linalg.solve(hessian[kept:, kept:], hessian[kept:, :kept])
-    return hessian[:kept, :kept] - hessian[:kept, kept:] @ follow, gradients[:, :kept] - gradients[:, kept:] @ follow
+def eliminated(hessian: Array, gradients: Array, count: int) -> tuple[Array, Array]:
+    """Hessian ``(..., j, j)`` and gradients ``(..., blocks, j)`` of all unknowns but the last, which follow at best.
+
+    Those are ``count`` places, none of which acts on another.
+    """
+    kept = hessian.shape[-1] - count
+    own = np.diagonal(hessian, axis1=-2, axis2=-1)[..., kept:]
+    follow = _over(hessian[..., kept:, :kept], own)
+    inner, outer = (hessian[..., :kept, part] for part in (slice(kept), slice(kept, None)))
+    return inner - outer @ follow, gradients[..., :kept] - gradients[..., kept:] @ follow
+
+
+def _over(rows: Array, curvatures: Array) -> Array:
+    """Rows over their curvatures, zero where there is none."""
+    return np.asarray(rows / np.where(curvatures == 0.0, 1.0, curvatures)[..., None])

@@ -1,6 +1,7 @@
-"""The simultaneous way: every experiment's state is unknown too, and its equilibrium is a constraint.
+"""The simultaneous way: every experiment's base moments are unknowns too, and its equilibrium is a constraint.
 
-IPOPT minimizes the loss of the misfits and the priors, with the Hessian of Gauss and Newton.
+IPOPT minimizes the loss of the misfits and the priors, with the Hessian of Gauss and Newton. Places of points that are
+estimated follow the unknowns, wherever these go.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ..errors import DefinitionError, EstimationError
 from ..robot.checks import Array
 from ..solvers.programs import Evaluated, solve_program
 from .estimation import Estimation, Progress
+from .places import eliminated
 from .reduced import Found
 
 if TYPE_CHECKING:
@@ -32,86 +34,51 @@ _DAMPING = 1e-3
 
 
 class _Program:
-    """The program in scaled unknowns: parameters first, then the experiments' states one behind the other.
-
-    Its constraints are the equations of the experiments, then what keeps points in order: differences that are not
-    negative.
-    """
+    """The program in scaled unknowns: parameters first, then the experiments' base moments one behind the other."""
 
     def __init__(self, estimation: Estimation, x: Array, states: Sequence[Array]) -> None:
         self.estimation = estimation
         self.units = estimation.units
+        self.states = states
         self.parameters = len(x)
-        ends = np.cumsum([self.parameters, *(len(each) for each in states)])
+        ends = np.cumsum([self.parameters, *(len(each) for each in self.units)])
         self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self.size = int(ends[-1])
-        #  where each group's states stand, (experiments, numbers), and its equations
+        #  where each group's base moments stand, (experiments, moments)
         self._places = [
             np.array([np.arange(self.parts[k].start, self.parts[k].stop) for k in group.members])
             for group in estimation.models
         ]
-        ends = np.cumsum([0, *(len(group.members) * len(group.unit) for group in estimation.models)])
-        self._rows = [
-            np.arange(a, b).reshape(len(group.members), -1)
-            for group, (a, b) in zip(estimation.models, pairwise(ends), strict=True)
-        ]
-        self.equations = int(ends[-1])
 
     def split(self, v: Array) -> tuple[Array, list[Array]]:
-        """Parameters and states."""
+        """Parameters, and states with places as they are."""
         x = v[: self.parameters] * self.estimation.unknowns.scale
-        return x, [v[part] * unit for part, unit in zip(self.parts, self.units, strict=True)]
+        every = zip(self.states, self.parts, self.units, strict=True)
+        return x, [np.concatenate((v[part] * unit, state[len(unit) :])) for state, part, unit in every]
 
     def join(self, x: Array, states: Sequence[Array]) -> Array:
         """The scaled unknowns."""
-        scaled = [each / unit for each, unit in zip(states, self.units, strict=True)]
+        scaled = [state[: len(unit)] / unit for state, unit in zip(states, self.units, strict=True)]
         return np.concatenate((x / self.estimation.unknowns.scale, *scaled))
-
-    @cached_property
-    def bounds(self) -> tuple[Array, Array]:
-        """Of the scaled unknowns: places lie between entry point and tip."""
-        lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        for group, places in zip(self.estimation.models, self._places, strict=True):
-            lower[places[:, len(group.unit) :]], upper[places[:, len(group.unit) :]] = 0.0, 1.0
-        for side, bound in zip((lower, upper), self.estimation.unknowns.bounds, strict=True):
-            side[: self.parameters] = bound / self.estimation.unknowns.scale
-        return lower, upper
-
-    @cached_property
-    def most(self) -> Array:
-        """Of the constraints, whose least is zero."""
-        return np.concatenate((np.zeros(self.equations), np.full(len(self._ordered), np.inf)))
 
     # -- structure -------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _ordered(self) -> NDArray[np.intp]:
-        """Pairs of unknowns of which the second may not be less than the first, ``(pairs, 2)``."""
-        found = [np.zeros((0, 2), dtype=np.intp)]
-        for layout, part in zip(self.estimation.layouts, self.parts, strict=True):
-            for start, end, ordered in layout.orders:
-                own = np.arange(start, end if ordered else start) + part.stop - layout.places
-                found.append(np.stack((own[:-1], own[1:]), axis=1))
-        return np.concatenate(found)
-
-    @cached_property
     def _jacobian(self) -> Structure:
         rows, columns = [], []
-        for group, places, equations in zip(self.estimation.models, self._places, self._rows, strict=True):
-            both = np.hstack((group.own, places[:, : len(group.unit)]))
-            shape = (*equations.shape, both.shape[1])
-            rows.append(np.broadcast_to(equations[:, :, None], shape).ravel())
+        for group, places in zip(self.estimation.models, self._places, strict=True):
+            both = np.hstack((group.own, places))
+            shape = (*places.shape, both.shape[1])
+            rows.append(np.broadcast_to(places[:, :, None] - self.parameters, shape).ravel())
             columns.append(np.broadcast_to(both[:, None, :], shape).ravel())
-        rows.append(self.equations + np.repeat(np.arange(len(self._ordered)), 2))
-        columns.append(self._ordered.ravel())
-        return _compressed(rows, columns, (len(self.most), self.size))
+        return _compressed(rows, columns, (self.size - self.parameters, self.size))
 
     @cached_property
     def _hessian(self) -> Structure:
         rows, columns = [np.arange(self.parameters)], [np.arange(self.parameters)]
         for group, places in zip(self.estimation.models, self._places, strict=True):
             both = np.hstack((group.own, places))
-            upper = _upper(both.shape[1], places.shape[1] - len(group.unit))
+            upper = np.triu_indices(both.shape[1])
             rows.append(both[:, upper[0]].ravel())
             columns.append(both[:, upper[1]].ravel())
         return _compressed(rows, columns, (self.size, self.size))
@@ -136,26 +103,26 @@ class _Program:
         objective = estimation.prior_cost(x)
         gradient = np.zeros(self.size)
         gradient[: self.parameters] = scale * (x - mean) / sigma**2
-        constraints = np.zeros(len(self.most))
-        constraints[self.equations :] = v[self._ordered[:, 1]] - v[self._ordered[:, 0]]
+        constraints = np.zeros(self.size - self.parameters)
         slopes, curvatures = [], [(scale / sigma) ** 2 + _DAMPING]
         try:
-            linearized = estimation.linearize_groups(x, states)
+            self.states = estimation.settled(x, states, solved=False)
+            linearized = estimation.linearize_groups(x, self.states)
         except (DefinitionError, EstimationError):  # no such robot
             return None
-        for group, places, equations, each in zip(estimation.models, self._places, self._rows, linearized, strict=True):
+        for group, places, each in zip(estimation.models, self._places, linearized, strict=True):
             own = scale[each.own][:, None, :]
-            constraints[equations] = each.residual / group.unit
+            constraints[places - self.parameters] = each.residual / group.unit
             both = np.concatenate((each.residual_x * own, each.residual_z * group.unit), axis=2)
             slopes.append((both / group.unit[:, None]).ravel())
-            rows = np.concatenate((each.misfit_x * own, each.misfit_z * group.unit, each.misfit_s), axis=2)
             layout = estimation.layouts[group.members[0]]
+            rows = np.concatenate((each.misfit_x * own, each.misfit_z * group.unit, layout.along(each)), axis=2)
             losses, pulls, curvature = estimation.expanded(layout, each.misfit, rows, positive=True)
+            curvature, pulls = eliminated(curvature, pulls, layout.places)
             objective += float(losses.sum())
             np.add.at(gradient, np.hstack((each.own, places)), pulls.sum(axis=1))
-            upper = _upper(rows.shape[2], each.places.shape[1])
+            upper = np.triu_indices(both.shape[2])
             curvatures.append(curvature[:, upper[0], upper[1]].ravel())
-        slopes.append(np.tile([-1.0, 1.0], len(self._ordered)))
         if not (np.isfinite(objective) and np.isfinite(constraints).all()):
             return None
         return Evaluated(
@@ -165,13 +132,6 @@ class _Program:
             _summed(self._jacobian, np.concatenate(slopes)),
             _summed(self._hessian, np.concatenate(curvatures)),
         )
-
-
-def _upper(size: int, places: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of an experiment's Hessian, whose last unknowns are places, none of which acts on another."""
-    row, column = np.triu_indices(size)
-    those = (row < size - places) | (row == column)
-    return row[those], column[those]
 
 
 def _compressed(rows: list[Any], columns: list[Any], shape: tuple[int, int]) -> Structure:
@@ -191,20 +151,24 @@ def _summed(structure: Structure, values: Array) -> Array:
 def solve_simultaneous(
     estimation: Estimation, equilibria: Sequence[Equilibrium], progress: Progress | None = None
 ) -> Found:
-    """Least loss over parameters and states by IPOPT."""
+    """Least loss over parameters and base moments by IPOPT."""
     unknowns, states = estimation.unknowns, estimation.first_states(equilibria)
     program = _Program(estimation, unknowns.initial, states)
+    lower, upper = np.full(program.size, -np.inf), np.full(program.size, np.inf)
+    for side, bound in ((lower, unknowns.bounds[0]), (upper, unknowns.bounds[1])):
+        side[: program.parameters] = bound / unknowns.scale
     watch = None if progress is None else (lambda step: progress("steps", step, 0))
     start = program.join(unknowns.initial, states)
     iterations = 0
     if estimation.loss != "squared":  # far from the answer squares are kinder than losses that outliers move little
         rough = _Program(estimation.by_squares(), unknowns.initial, states)
-        nearer = solve_program(rough, start, program.bounds, most=program.most, tolerance=_ROUGH, progress=watch)
+        nearer = solve_program(rough, start, (lower, upper), tolerance=_ROUGH, progress=watch)
         iterations = nearer.iterations
         if nearer.converged:
-            start = nearer.x
-    point = solve_program(program, start, program.bounds, most=program.most, progress=watch)
-    x, found = program.split(np.clip(point.x, *program.bounds))  # IPOPT goes beyond by 1e-8
+            start, program.states = nearer.x, rough.states
+    point = solve_program(program, start, (lower, upper), progress=watch)
+    x, found = program.split(point.x)
+    x = np.clip(x, *unknowns.bounds)  # IPOPT goes beyond by 1e-8
     if point.converged:
         found = estimation.settled(x, found)
     return Found(x, found, point.converged, point.message, iterations + point.iterations)

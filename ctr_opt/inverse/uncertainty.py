@@ -74,7 +74,7 @@ def information(estimation: Estimation, linearized: Sequence[Linearized]) -> Inf
         along = layout.along(each)
         both = np.hstack((slopes, along))
         _, pulls, own_curvature = estimation.expanded(layout, each.misfit, both, positive=False)
-        own_curvature, pulls = eliminated(own_curvature, pulls, size)
+        own_curvature, pulls = eliminated(own_curvature, pulls, layout.places)
         slopes = across(slopes, along)
         matrix += slopes.T @ slopes
         curvature += own_curvature

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _ENDS = ("Solve_Succeeded", "Search_Direction_Becomes_Too_Small", "Solved_To_Acceptable_Level")
 """How IPOPT ends at an answer: as wanted, or where rounding errors leave nothing to gain."""
-_SATISFIED = 1e-8  # largest part of a constraint left
+_SATISFIED = 1e-8  # largest equation left
 
 
 @attrs.frozen(eq=False)
@@ -36,7 +36,7 @@ class Evaluated:
 
 
 class Program(Protocol):
-    """Minimize an objective under constraints that are zero, or not negative."""
+    """Minimize an objective under equations."""
 
     @property
     def jacobian_structure(self) -> csc_matrix:
@@ -96,12 +96,11 @@ def solve_program(
     start: Array,
     bounds: tuple[Array, Array],
     *,
-    most: Array | float = 0.0,
     tolerance: float = 1e-9,
     iterations: int = 200,
     progress: Callable[[int], None] | None = None,
 ) -> IpoptPoint:
-    """IPOPT's answer from a start, between bounds; ``most``: of the constraints, whose least is zero."""
+    """IPOPT's answer from a start, between bounds."""
     size, count = len(start), program.jacobian_structure.shape[0]
     kept: dict[bytes, Evaluated] = {}
 
@@ -155,13 +154,12 @@ def solve_program(
         )
     with LOCK:
         solver = ca.nlpsol("estimation", "ipopt", {"x": x, "f": objective, "g": constraints}, options)
-        result = solver(x0=start, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=most)
+        result = solver(x0=start, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
         stats = solver.stats()
     if caught:
         raise caught[0]
     found, residual = result["x"].full()[:, 0], result["g"].full()[:, 0]
-    left = np.maximum(-residual, residual - most).max(initial=0.0)
-    sound = bool(np.isfinite(found).all()) and left < _SATISFIED
+    sound = bool(np.isfinite(found).all()) and np.abs(residual).max(initial=0.0) < _SATISFIED
     return IpoptPoint(
         found,
         result["lam_g"].full()[:, 0],
