@@ -22,10 +22,11 @@ from ..robot.checks import Array
 from ..robot.loads import Load, LoadTable
 from ..robot.parameters import Parameter, parameters
 from ..robot.robot import Robot
+from ..transcription.integrals import integral_functions
 from ..transcription.parametric_problem import Discretized, ParametricProblem
 from .measurements import Distal, Predicted, Request, Somewhere, arc_length_of
 
-SIZES = {"pose": 12, "curvature": 3, "torque": 1}
+SIZES = {"pose": 12, "curvature": 3, "torque": 1, "force": 1}
 _PROBES = "probes"
 _INTEGRATOR = "RK8"
 
@@ -103,13 +104,20 @@ class GroupModel:
         )
         order = self.problem.sorted()
         cuts = [np.linspace(0.0, 1.0, steps + 1)] * order.sections
-        self._sections = order.sections if self._curved else 0
+        self._pushed = [r.tube or 0 for r in self.requests if r.kind == "force"]
+        self._sections = order.sections if self._curved or self._pushed else 0
         around = [(k, 1) for k in range(self._sections)] + [(k + 1, 0) for k in range(self._sections)]
         marks = self._marks()
         ends = [self.problem.parametric.tube_end(r.tube or 0) for r in self.requests if _jumps(r)]
         sides = list(zip([mark for mark, r in marks if _jumps(r)], ends, strict=True))
         self._discretized = Discretized(
-            self.problem, order, cuts, around, marks=[mark for mark, r in marks if not _jumps(r)], sides=sides
+            self.problem,
+            order,
+            cuts,
+            around,
+            integrals=bool(self._pushed),
+            marks=[mark for mark, r in marks if not _jumps(r)],
+            sides=sides,
         )
         scales = configuration.scales
         self.unit: Array = scales.unknowns(configuration.tube_count, configuration.kind.live)
@@ -168,6 +176,9 @@ class GroupModel:
             if request.kind == "torque":
                 found.append(-swept.z[2 + (request.tube or 0)] * configuration.scales.moment)
                 continue
+            if request.kind == "force":
+                found.append(self._force(swept, request.tube or 0))
+                continue
             if request.kind == "curvature":
                 weights = None if request.place is None else swept.sides[:, side]
                 found.append(self._curvature(swept, weights, request.tube))
@@ -192,6 +203,16 @@ class GroupModel:
         c, s = ca.cos(angle), ca.sin(angle)
         rotated = ca.vertcat(c * bent[0] + s * bent[1], c * bent[1] - s * bent[0], twisted[tube])
         return rotated / self.configuration.scales.length
+
+    def _force(self, swept: Any, tube: int) -> Any:
+        """On a tube's base: as ``actuator_wrench`` has it, its break points wherever they stand in the order."""
+        scales, discretized = self.configuration.scales, self._discretized
+        functions = integral_functions(self.configuration.tube_count, _INTEGRATOR, discretized.kind)
+        *_, forces = functions.step.map(len(discretized.steps))(swept.begins, swept.columns, swept.slopes)
+        states = ca.horzcat(swept.right[:, : self._sections], swept.left)
+        energies = functions.hamiltonian.map(2 * self._sections)(states, ca.horzcat(*swept.locals.values()))
+        weights, behind = self.problem.actuated(tube, discretized.order)(swept.theta, swept.z[2 + tube] * scales.moment)
+        return (ca.sum2(forces[tube, :]) + energies @ weights) * scales.force + behind
 
     # -- numbers ---------------------------------------------------------------------------------------------------
 
