@@ -20,7 +20,7 @@ from .measurements import BackboneMeasurement, Measurement
 Orders: TypeAlias = tuple[tuple[int, int, bool], ...]
 """Of each measurement with points: where its places begin and end, and whether they are in order."""
 
-_GRID = 401  # places among which the first ones are sought
+_NODES, _PARTS = 49, 8  # points of a shape, straight lines between them, and parts of each: where places are sought
 
 
 def orders(experiment: Experiment) -> Orders:
@@ -39,13 +39,17 @@ def nearest(
     loss: Callable[[Array], Array],
 ) -> Array:
     """The places of a grid along a shape where the losses of the squared whitened distances are least, together."""
-    fractions = np.linspace(0.0, 1.0, _GRID)
-    found = [np.zeros(0)]
-    for each in experiment.measurements:
-        if isinstance(each, BackboneMeasurement):
-            gaps = shape.position(fractions * shape.length) - each.position[:, None]
-            costs = loss((np.einsum("kij,kgj->kgi", whitener(each), gaps) ** 2).sum(axis=2))
-            found.append(fractions[_in_order(costs) if each.ordered else costs.argmin(axis=1)])
+    measured = [each for each in experiment.measurements if isinstance(each, BackboneMeasurement)]
+    if not measured:
+        return np.zeros(0)
+    nodes, fractions = np.linspace(0.0, 1.0, _NODES), np.linspace(0.0, 1.0, (_NODES - 1) * _PARTS + 1)
+    points = shape.position(nodes * shape.length)
+    along = np.stack([np.interp(fractions, nodes, axis) for axis in points.T], axis=1)
+    found = []
+    for each in measured:
+        gaps = along - each.position[:, None]
+        costs = loss((np.einsum("kij,kgj->kgi", whitener(each), gaps) ** 2).sum(axis=2))
+        found.append(fractions[_in_order(costs) if each.ordered else costs.argmin(axis=1)])
     return np.concatenate(found)
 
 
