@@ -27,8 +27,10 @@ from .forward import ForwardProblem as ForwardProblem
 from .inverse.calibration import CalibrationProblem as CalibrationProblem
 from .inverse.experiment import Experiment as Experiment
 from .inverse.fit import Fit as Fit
+from .inverse.measurements import BackboneMeasurement as BackboneMeasurement
 from .inverse.measurements import CurvatureMeasurement as CurvatureMeasurement
 from .inverse.measurements import Distal as Distal
+from .inverse.measurements import ForceMeasurement as ForceMeasurement
 from .inverse.measurements import PoseMeasurement as PoseMeasurement
 from .inverse.measurements import PositionMeasurement as PositionMeasurement
 from .inverse.measurements import TangentMeasurement as TangentMeasurement

@@ -6,7 +6,7 @@ entry point are from one, where the robot would then be, and how both change wit
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import Any, TypeAlias
 
@@ -135,13 +135,18 @@ class Predictions:
         self._questions = Questions(directions, asked[0].tables, own.reshape(len(asked), -1, 2))
         self._sizes = len(asked), own.shape[1], directions.shape[1]
 
-    def moved(self, robot: Robot, actuations: Array) -> Predictions:
+    def moved(self, robot: Robot, actuations: Array, places: Mapping[int, Array] | None = None) -> Predictions:
         """The same with another robot of equal pieces and actuations ``(e, 2 tubes)``, rotations and translations.
 
-        Loads and probes stay, so that tubes' weights must be as they were.
+        Loads stay, so that tubes' weights must be as they were, and so do probes, but for those with ``places``: arc
+        lengths ``(e,)`` by their numbers, each on the probe's tube.
         """
         other = copy(self)
         other.robot, other._table, other._actuations = robot, RobotTable(robot), actuations
+        if places:
+            numbers, where = list(places), np.stack(list(places.values()), axis=1)
+            other._rows = [rows.placed(numbers, own) for rows, own in zip(self._rows, where, strict=True)]
+            other._addresses = np.array([rows.address for rows in other._rows], dtype=np.uintp)
         return other
 
     def _directions(self, names: Sequence[str], experiments: Sequence[Experiment], probes: int) -> list[Directions]:

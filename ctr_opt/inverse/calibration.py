@@ -140,9 +140,9 @@ class CalibrationProblem:
         EstimationError
             They have no equilibrium in some experiment.
         """
-        moments = [each.unknowns for each in self._prepared()]
-        initial = self._estimation.unknowns.initial
-        return Fit(self._estimation, Found(initial, moments, True, "nominal", 0), "nominal")
+        estimation, equilibria = self._estimation, self._prepared()
+        initial = estimation.unknowns.initial
+        return Fit(estimation, Found(initial, estimation.states(initial, equilibria), True, "nominal", 0), "nominal")
 
     def _prepared(self, progress: Progress | None = None) -> list[Equilibrium]:
         """The equilibria that the estimation starts from, its models built."""

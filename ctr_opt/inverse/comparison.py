@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..robot.checks import Array
-from .measurements import Measurement, Predicted
+from .measurements import BackboneMeasurement, Measurement, Predicted
 
 
 class Comparison:
@@ -29,6 +29,24 @@ class Comparison:
             rates.append(rate)
         return np.concatenate(misfits, axis=1), np.concatenate(rates, axis=1)
 
+    def along(self, predictions: Sequence[Predicted]) -> Array:
+        """Derivatives of the whitened misfits by the arc lengths that are estimated, ``(experiments, numbers, k)``.
+
+        A point moves along the tangent of the backbone, by as much as its arc length, and nothing else moves.
+        """
+        size = sum(column.numbers for column in self._columns)
+        count = sum(column.requests for column in self._columns if column.somewhere)
+        found = np.zeros((len(predictions[0].value), size, count))
+        row = place = start = 0
+        for column in self._columns:
+            those = slice(start, start := start + column.requests)
+            if column.somewhere:
+                points = np.arange(column.requests)[:, None]
+                found[:, row + 3 * points + np.arange(3), place + points] = column.tangents(predictions[those])
+                place += column.requests
+            row += column.numbers
+        return found
+
 
 class _Column:
     """The same measurement in all experiments."""
@@ -36,6 +54,8 @@ class _Column:
     def __init__(self, measurements: list[Measurement], whitener: Callable[[Measurement], Array]) -> None:
         self.measurements = measurements
         self.requests = len(measurements[0].requests)
+        self.numbers = int(np.prod(measurements[0].shape))
+        self.somewhere = isinstance(measurements[0], BackboneMeasurement)
         self._whitener = np.array([whitener(each) for each in measurements])
 
     def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
@@ -43,3 +63,8 @@ class _Column:
         count = len(values)
         misfit = np.matmul(self._whitener, values[..., None])[..., 0]
         return misfit.reshape(count, -1), np.matmul(self._whitener, rates).reshape(count, -1, rates.shape[-1])
+
+    def tangents(self, found: Sequence[Predicted]) -> Array:
+        """Whitened tangents of the backbone ``(experiments, points, 3)``."""
+        tangents = np.stack([each.value[:, :3, 2] for each in found], axis=1)
+        return np.asarray(np.matmul(self._whitener, tangents[..., None])[..., 0])

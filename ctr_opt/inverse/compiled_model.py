@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from ..robot.loads import Load
 from ..robot.robot import Robot
 from ..solvers import compilation
 from ..solvers.native import LoadRows
-from .measurements import Distal, Predicted, Request
+from .measurements import Distal, Predicted, Request, Somewhere
 
 _KINDS = ("pose", "torque")
 _SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
@@ -54,11 +55,11 @@ class CompiledModel:
 
     def __init__(self, requests: Sequence[Sequence[Request]], sizes: Mapping[str, int]) -> None:
         self.requests = requests[0]
-        self._probes = [[_probe(r) for r in own if r.kind == "pose"] for own in requests]
+        self._requests = [[request for request in own if request.kind == "pose"] for own in requests]
         self.acting = list(sizes)
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
-        self._kept: Predictions | None = None
+        self._kept: tuple[list[int], Predictions] | None = None
         self._fixed = not any(name.startswith("loads[") or name.endswith(_SOURCES) for name in sizes)
 
     def evaluate(
@@ -67,9 +68,14 @@ class CompiledModel:
         experiments: Sequence[tuple[Actuation, Sequence[Load]]],
         z: Array,
         angles: Array,
+        s: Array,
     ) -> tuple[Array, list[Predicted], Array]:
-        """As :meth:`GroupModel.evaluate`; ``angles`` are those of the base, by which the robot is turned already."""
-        model = self._model(robot, experiments)
+        """As :meth:`GroupModel.evaluate`.
+
+        ``angles`` are those of the base, by which the robot is turned already; ``s (E, k)``: arc lengths of the points
+        that are somewhere.
+        """
+        model = self._model(robot, experiments, s)
         told = model.at(z)
         if told.failed.any():
             told = model.moved(robot, _parted(robot, experiments, np.flatnonzero(told.failed))).at(z)
@@ -94,12 +100,22 @@ class CompiledModel:
                 found.append(Predicted(-z[:, 2 + request.tube, None], by_z))
         return told.residual, found, slopes
 
-    def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Predictions:
+    def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], s: Array) -> Predictions:
         """The predictions, made anew only where loads, or what follows from the robot's numbers, are others."""
-        if self._kept is not None and self._fixed:
-            return self._kept.moved(robot, _joints(experiments))
-        self._kept = Predictions(robot, self.acting, experiments, self._probes)
-        return self._kept
+        lengths = [tube.length for tube in robot.tubes]
+        longest = [int(np.argmax(lengths + actuation.translations)) for actuation, _ in experiments]
+        if self._kept is not None and self._fixed and self._kept[0] == longest:
+            return self._kept[1].moved(robot, _joints(experiments), {k: s[:, j] for j, k in enumerate(self._somewhere)})
+        probes = [
+            _probes(own, tube, places) for own, tube, places in zip(self._requests, longest, s.tolist(), strict=True)
+        ]
+        self._kept = longest, Predictions(robot, self.acting, experiments, probes)
+        return self._kept[1]
+
+    @cached_property
+    def _somewhere(self) -> list[int]:
+        """The probes that are somewhere."""
+        return [k for k, request in enumerate(self._requests[0]) if isinstance(request.place, Somewhere)]
 
 
 def _joints(experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Array:
@@ -116,11 +132,17 @@ def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]
     return joints
 
 
-def _probe(request: Request) -> Probe:
-    place = request.place
-    if isinstance(place, Distal):
-        return Probe(None, place.tube)
-    return Probe(place, request.tube)
+def _probes(requests: Sequence[Request], longest: int, s: list[float]) -> list[Probe]:
+    """The probes of an experiment, those of points somewhere on its longest tube."""
+    somewhere = iter(s)
+    return [
+        Probe(next(somewhere), longest)
+        if isinstance(request.place, Somewhere)
+        else Probe(None, request.place.tube)
+        if isinstance(request.place, Distal)
+        else Probe(request.place, request.tube)
+        for request in requests
+    ]
 
 
 def euler_rates(angles: Array) -> Array:

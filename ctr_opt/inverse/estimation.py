@@ -1,11 +1,13 @@
-"""Estimation: unknowns, experiments and a loss, evaluated with derivatives at any values and base moments.
+"""Estimation: unknowns, experiments and a loss, evaluated with derivatives at any values and states.
 
-Two ways to the same answer stand on it: ``simultaneous.py``, where every experiment's base moments are unknowns beside
-the parameters, and ``reduced.py``, where the equilibria are solved for at each step.
+The state of an experiment is what is its own: base moments (SI) and, behind them, the places of points that are
+estimated. Two ways to the same answer stand on it: ``simultaneous.py``, where every experiment's state is unknown
+beside the parameters, and ``reduced.py``, where equilibria and places are solved for at each step.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import cached_property
@@ -25,21 +27,25 @@ from .comparison import Comparison
 from .compiled_model import CompiledModel, compilable
 from .experiment import Experiment
 from .losses import LOSSES, Loss
-from .measurements import Measurement, Predicted, arc_length_of
+from .measurements import Measurement, Predicted, Somewhere, arc_length_of
 from .model import GroupModel, structure
 from .parameters import Parameter, Unknowns
+from .places import Orders, free, moved, nearest, orders
 from .sensors import names_of, sensed
 
 Progress = Callable[[str, int, int], None]
 """Called with what is done, how far it is, and how much there is."""
+
+_SETTLED = 1e-10  # of the robot's length: places that move less stand still
+_MOST_MOVES = 60
 
 
 @attrs.frozen(eq=False)
 class Linearized:
     """An experiment at some values: boundary residual and whitened misfit, and their slopes.
 
-    ``*_z`` by the base moments (SI), ``*_x`` by the unknowns ``own`` that act on the experiment. Of a group of
-    experiments all have one axis more, the first.
+    ``*_z`` by the base moments (SI), ``*_x`` by the unknowns ``own`` that act on the experiment, ``*_s`` by the places
+    of points that are estimated. Of a group of experiments all have one axis more, the first.
     """
 
     residual: Array
@@ -48,7 +54,9 @@ class Linearized:
     misfit: Array
     misfit_z: Array
     misfit_x: Array
+    misfit_s: Array
     own: NDArray[np.intp]
+    places: Array
 
     def reduced(self) -> Array:
         """Slopes of the misfit by the unknowns, the robot staying in equilibrium: implicit-function theorem."""
@@ -56,7 +64,11 @@ class Linearized:
 
     def step(self) -> Array:
         """Newton's step of the base moments to the equilibrium of the model's own mesh."""
-        return np.asarray(-np.linalg.solve(self.residual_z, self.residual))
+        return np.asarray(-np.linalg.solve(self.residual_z, self.residual[..., None])[..., 0])
+
+    def settled(self) -> Array:
+        """The misfit there, to first order."""
+        return np.asarray(self.misfit + (self.misfit_z @ self.step()[..., None])[..., 0])
 
     def of(self, k: int) -> Linearized:
         """That of one experiment of a group."""
@@ -71,6 +83,16 @@ class Layout:
     names: tuple[str, ...]
     blocks: tuple[tuple[int, int, int], ...]
     """Where each block starts in the misfit, its size, and the measurement it belongs to."""
+    orders: Orders
+
+    @cached_property
+    def places(self) -> int:
+        """How many places are estimated."""
+        return self.orders[-1][1] if self.orders else 0
+
+    def along(self, each: Linearized) -> Array:
+        """Slopes of the misfit by the places that may move, pooled ones together; zero by the others."""
+        return np.asarray(each.misfit_s @ free(each.places, self.orders))
 
     @cached_property
     def starts(self) -> NDArray[np.intp]:
@@ -88,6 +110,7 @@ class Group:
     """Experiments that one model serves; ``mixing (E, numbers, own)``: what acts on each by unknowns ``own (E, j)``.
 
     ``mounting (E, 6 k, own)``: the same of the poses of the ``sensors`` on tubes, which act on predictions alone.
+    ``ends (E, tubes)``: the tubes' at the initial values; ``ends_x (E, tubes, own)``: their slopes, which are constant.
     In the virtual machine ``start (E, k)`` are all numbers at the initial values; ``symbolic.active`` of them move.
     """
 
@@ -96,6 +119,8 @@ class Group:
     mixing: Array
     mounting: Array
     sensors: tuple[str, ...]
+    ends: Array
+    ends_x: Array
     unit: Array
     comparison: Comparison
     compiled: CompiledModel | None = None
@@ -143,7 +168,9 @@ class Estimation:
             ends = lengths + self.unknowns.experiment_at(initial, k)[0].translations
             for j, measurement in enumerate(each.measurements):
                 for request in measurement.requests:
-                    place, tube = request.place, request.tube if request.kind != "torque" else None
+                    if isinstance(request.place, Somewhere):
+                        continue
+                    place, tube = request.place, request.tube if request.kind not in ("torque", "force") else None
                     s = arc_length_of(place, ends)
                     end = ends.max() if tube is None else ends[tube]
                     if s < 0.0 or s > end + 1e-9 * ends.max():
@@ -180,9 +207,9 @@ class Estimation:
         for k, each in enumerate(self.experiments):
             names = tuple(dict.fromkeys(name for name, _, _ in self.unknowns.acting(k)))
             measured = tuple((type(m), m.shape) for m in each.measurements)
-            key = (structure(self.robot, each.actuation, each.loads, each.requests), names, measured)
+            key = (structure(self.robot, each.actuation, each.loads, each.requests), names, measured, orders(each))
             group = groups.setdefault(key, len(groups))
-            layouts.append(Layout(group, names, _blocks(each)))
+            layouts.append(Layout(group, names, _blocks(each), orders(each)))
         return layouts
 
     def members(self, group: int) -> list[int]:
@@ -219,6 +246,58 @@ class Estimation:
         except SolveError as error:
             raise EstimationError(f"{whose} have no equilibrium in {error}") from error
 
+    def states(self, x: Array, equilibria: Sequence[Equilibrium]) -> list[Array]:
+        """States of equilibria at some values, points where they fit best."""
+        self.prepare(equilibria)
+        return self.settled(x, self.first_states(equilibria))
+
+    def first_states(self, equilibria: Sequence[Equilibrium]) -> list[Array]:
+        """States of equilibria, points roughly where they fit best."""
+        return [
+            np.concatenate((shape.unknowns, nearest(each, shape, self.whitener, self._loss_of_points)))
+            for each, shape in zip(self.experiments, equilibria, strict=True)
+        ]
+
+    def _loss_of_points(self, squared: Array) -> Array:
+        return self.losses[3].evaluate(squared)[0]
+
+    def settled(self, x: Array, states: Sequence[Array], *, solved: bool = True) -> list[Array]:
+        """States near some others where the points fit best; ``solved``: and the model is in equilibrium.
+
+        Newton's steps of the base moments and those of Gauss and Newton of the places, shortened where these go to and
+        fro, as where a point is far from the backbone on the outer side of a bend.
+        """
+        found = [state.copy() for state in states]
+        if not any(layout.places for layout in self.layouts):
+            return found
+        before = [np.zeros((len(group.members), self._of(group).places)) for group in self.models]
+        gains = [np.ones(each.shape) for each in before]
+        for _ in range(_MOST_MOVES):
+            for g, each in enumerate(self.linearize_groups(x, found)):
+                group = self.models[g]
+                misfit, moments = each.misfit, np.zeros_like(each.residual)
+                if solved:
+                    misfit, moments = each.settled(), each.step()
+                step = self._moved(self._of(group), each, misfit, gains[g]) - each.places
+                gains[g][(step * before[g] < 0.0) & (np.abs(step) > 0.5 * np.abs(before[g]))] *= 0.5
+                before[g] = step
+                for k, change in zip(group.members, np.hstack((moments, step)), strict=True):
+                    found[k] += change
+            if max(np.abs(step).max(initial=0.0) for step in before) < _SETTLED:
+                break
+        return found
+
+    def _moved(self, layout: Layout, each: Linearized, misfit: Array, gains: Array) -> Array:
+        """Where the points of a group's experiments go by the slopes of a misfit; ``gains``: how far of the way."""
+        weights = np.repeat(2.0 * self.losses_of(layout, misfit)[1], layout.sizes, axis=-1)
+        slopes = np.einsum("en,enk->ek", weights * misfit, each.misfit_s)
+        curvatures = np.einsum("en,enk->ek", weights, each.misfit_s**2) / gains
+        return moved(each.places, slopes, curvatures, layout.orders)
+
+    def _of(self, group: Group) -> Layout:
+        """The layout of a group's experiments."""
+        return self.layouts[group.members[0]]
+
     @property
     def _forward(self) -> bool | None:
         """Whether forward solves are compiled: as soon as the model is."""
@@ -243,6 +322,7 @@ class Estimation:
             unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
             parts: dict[str, Any] = {"members": members, "own": own, "mixing": mixing, "unit": unit}
             parts |= {"mounting": mounting, "sensors": sensors}
+            parts |= {"ends": self._ends(members), "ends_x": _ends_x(mixing, sizes, len(self.robot.tubes))}
             parts["comparison"] = Comparison([self.experiments[k].measurements for k in members], self.whitener)
             if compilable(self.robot, each.loads, each.requests, names, self.compiled):
                 self.models.append(
@@ -252,6 +332,11 @@ class Estimation:
                 steps = max(equilibria[k].solved().steps for k in members[:: max(1, len(members) // 100)])
                 model = GroupModel(configuration, each.requests, names, steps)
                 self.models.append(Group(**parts, symbolic=model, start=self._numbers(model, members)))
+
+    def _ends(self, members: list[int]) -> Array:
+        initial = self.unknowns.initial
+        lengths = np.array([tube.length for tube in self.unknowns.robot_at(initial).tubes])
+        return np.array([lengths + self.unknowns.experiment_at(initial, k)[0].translations for k in members])
 
     def _numbers(self, model: GroupModel, members: list[int]) -> Array:
         initial = self.unknowns.initial
@@ -270,42 +355,55 @@ class Estimation:
 
     # -- evaluation ------------------------------------------------------------------------------------------------
 
-    def linearize(self, x: Array, moments: Sequence[Array]) -> list[Linearized]:
-        """All experiments at some values and base moments."""
+    def linearize(self, x: Array, states: Sequence[Array]) -> list[Linearized]:
+        """All experiments at some values and states."""
         found: list[Linearized | None] = [None] * len(self.experiments)
-        for group, linearized in zip(self.models, self.linearize_groups(x, moments), strict=True):
+        for group, linearized in zip(self.models, self.linearize_groups(x, states), strict=True):
             for e, k in enumerate(group.members):
                 found[k] = linearized.of(e)
         return [each for each in found if each is not None]
 
-    def linearize_groups(self, x: Array, moments: Sequence[Array]) -> list[Linearized]:
+    def linearize_groups(self, x: Array, states: Sequence[Array]) -> list[Linearized]:
         """The same, the experiments of each group together."""
         found = []
         for group in self.models:
-            residuals, predictions, slopes = self._evaluate(group, x, np.array([moments[k] for k in group.members]))
-            n, numbers = len(group.unit), slopes.shape[-1]
+            state, n = np.array([states[k] for k in group.members]), len(group.unit)
+            places = state[:, n:]
+            length, length_x = self._length(group, x)
+            residuals, predictions, slopes = self._evaluate(group, x, state[:, :n], places * length[:, None])
+            numbers = slopes.shape[-1]
             if group.sensors:
                 mountings = {name: self.unknowns.mounting(name, x) for name in group.sensors}
                 requests = self.experiments[group.members[0]].requests
                 predictions = sensed(requests, predictions, mountings)
             misfit, rates = group.comparison.compare(predictions)
+            along = group.comparison.along(predictions)
             misfit_x = rates[..., n:numbers] @ group.mixing + rates[..., numbers:] @ group.mounting
-            parts = (slopes[..., n:] @ group.mixing, misfit, rates[..., :n], misfit_x)
-            found.append(Linearized(residuals, slopes[..., :n], *parts, group.own))
+            misfit_x += (along @ places[..., None]) * length_x[:, None]
+            parts = (slopes[..., n:] @ group.mixing, misfit, rates[..., :n], misfit_x, along * length[:, None, None])
+            found.append(Linearized(residuals, slopes[..., :n], *parts, group.own, places))
         return found
 
-    def _evaluate(self, group: Group, x: Array, z: Array) -> tuple[Array, list[Predicted], Array]:
-        """Residuals, predictions, and the residuals' slopes of a group."""
+    def _length(self, group: Group, x: Array) -> tuple[Array, Array]:
+        """The robot's length in each experiment of a group, and its slopes by the unknowns that act on it."""
+        moved = x[group.own] - self.unknowns.initial[group.own]
+        ends = group.ends + np.einsum("etj,ej->et", group.ends_x, moved)
+        every, longest = np.arange(len(ends)), ends.argmax(axis=1)
+        return ends[every, longest], group.ends_x[every, longest]
+
+    def _evaluate(self, group: Group, x: Array, z: Array, s: Array) -> tuple[Array, list[Predicted], Array]:
+        """Residuals, predictions, and the residuals' slopes of a group; ``s``: arc lengths that are estimated."""
         if group.symbolic is not None and group.start is not None:
             theta = group.start.copy()
             moved = x[group.own] - self.unknowns.initial[group.own]
             theta[:, group.symbolic.active] += np.einsum("ekj,ej->ek", group.mixing, moved)
+            theta[:, group.symbolic.somewhere] = s
             return group.symbolic.evaluate(z, theta)
         assert group.compiled is not None
         numbers = self.unknowns.robot_numbers(x)
         experiments = [self.unknowns.experiment_at(x, k) for k in group.members]
         angles = np.asarray(numbers.get("base.rotation", np.zeros(3)))
-        return group.compiled.evaluate(self.unknowns.robot_at(x), experiments, z, angles)
+        return group.compiled.evaluate(self.unknowns.robot_at(x), experiments, z, angles, s)
 
     def cost(self, linearized: Sequence[Linearized]) -> float:
         """The loss of the misfits, without priors."""
@@ -385,3 +483,15 @@ def _rows(acting: list[tuple[str, int, Array]], sizes: dict[str, int], unknowns:
         start = int(starts[name]) + first
         rows[start : start + len(part)] += part
     return rows
+
+
+def _ends_x(mixing: Array, sizes: dict[str, int], tubes: int) -> Array:
+    """``d ends / dx`` of the tubes, from the numbers of these names: translations, and lengths of pieces."""
+    ends, start = np.zeros((len(mixing), tubes, mixing.shape[2])), 0
+    for name, size in sizes.items():
+        if name == "translations":
+            ends += mixing[:, start : start + size]
+        elif found := re.fullmatch(r"tubes\[(\d+)\]\.precurvature\[\d+\]\.length", name):
+            ends[:, int(found[1])] += mixing[:, start]
+        start += size
+    return ends

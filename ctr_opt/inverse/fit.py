@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import EstimationError
 from ..robot.checks import Array
 from ..robot.robot import Robot
 from .estimation import Estimation, Linearized
-from .measurements import arc_length_of
+from .measurements import Somewhere, arc_length_of
 from .reduced import Found
 from .uncertainty import (
     VAGUE,
@@ -50,7 +51,7 @@ class Residual:
     """Which of the measurement's: of several points, its number."""
 
     arc_length: float
-    """Where it was measured, m, as the fit has it."""
+    """Where it was measured, m, as the fit has it; of points at unknown arc lengths its estimate."""
 
     value: Array
 
@@ -213,12 +214,14 @@ class Fit:
         found = []
         for k, (experiment, each) in enumerate(zip(self._estimation.experiments, self._linearized, strict=True)):
             ends = lengths + unknowns.experiment_at(x, k)[0].translations
-            start = 0
+            start, places = 0, iter(each.places * ends.max())
             for j, measured in enumerate(experiment.measurements):
                 count, size = measured.shape
                 for i, request in enumerate(measured.requests[:count]):
                     value = np.linalg.solve(self._estimation.whitener(measured)[i], each.misfit[start : start + size])
-                    found.append(Residual(k, j, i, arc_length_of(request.place, ends), value))
+                    place = request.place
+                    s = float(next(places)) if isinstance(place, Somewhere) else arc_length_of(place, ends)
+                    found.append(Residual(k, j, i, s, value))
                     start += size
         return found
 
@@ -233,10 +236,24 @@ class Fit:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Numbers measured, and known by priors, less parameters determined by them."""
-        numbers = sum(len(each.misfit) for each in self._linearized)
+        """Numbers measured, and known by priors, less parameters determined by them and arc lengths of points.
+
+        An arc length that the entry point, the tip or another point's bounds is none that was estimated.
+        """
+        numbers = int(self._numbers.sum())
         numbers += int(np.isfinite(self._estimation.unknowns.prior[1]).sum())
         return int(max(numbers - self._determined.known.shape[1], 0))
+
+    @cached_property
+    def _numbers(self) -> NDArray[np.intp]:
+        """Numbers that each experiment has for the parameters: those measured less arc lengths that they tell."""
+        layouts = self._estimation.layouts
+        return np.array(
+            [
+                len(each.misfit) - layout.along(each).any(axis=0).sum()
+                for layout, each in zip(layouts, self._linearized, strict=True)
+            ]
+        )
 
     @property
     def noise(self) -> float:
@@ -285,7 +302,7 @@ class Fit:
         from scipy.stats import chi2
 
         squares = np.array([each.misfit @ each.misfit for each in self._linearized])
-        sizes = np.array([len(each.misfit) for each in self._linearized])
+        sizes = np.maximum(self._numbers, 1)
         level = np.maximum(np.median(squares / chi2.median(sizes)), self._inaccuracies**2)
         probabilities = chi2.sf(squares / level, sizes)
         return [int(k) for k in np.flatnonzero(probabilities < _OUTLIER / len(sizes))]
@@ -395,7 +412,7 @@ class Fit:
     def _linearized(self) -> list[Linearized]:
         if not self._estimation.prepared:
             self._estimation.prepare(self.equilibria)
-        return self._estimation.linearize(self.found.x, self.found.moments)
+        return self._estimation.linearize(self.found.x, self.found.states)
 
     @property
     def _inaccuracies(self) -> Array:
@@ -413,8 +430,7 @@ class Fit:
     def _determined(self) -> Determined:
         level = 1.0
         if self._estimation.loss == "squared" and not self._estimation.scaled:
-            numbers, size = sum(len(each.misfit) for each in self._linearized), len(self.found.x)
-            level = self.chi_squared / max(numbers - size, 1)
+            level = self.chi_squared / max(int(self._numbers.sum()) - len(self.found.x), 1)
         return determined(self._information.matrix / max(level, 1e-12) + self._information.prior)
 
     @property

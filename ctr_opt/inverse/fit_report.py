@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..robot.checks import Array
 from .fit import REJECTED
 from .losses import SMOOTHING
-from .measurements import Distal, Measurement, Place, PoseMeasurement, PositionMeasurement, TangentMeasurement
+from .measurements import (
+    BackboneMeasurement,
+    Distal,
+    Measurement,
+    Place,
+    PoseMeasurement,
+    PositionMeasurement,
+    Somewhere,
+    TangentMeasurement,
+)
 from .uncertainty import symbol
 
 if TYPE_CHECKING:
     from .fit import Fit, Residual
 
+_POINTS = PositionMeasurement, BackboneMeasurement, PoseMeasurement
 _FEW = 6  # arc lengths that are told one by one
 _CORRELATED = 0.9  # pairs of parameters from here on are named
 _UNITS = (  # how a number is told: the end of its parameter's name, factor, unit
@@ -56,12 +66,17 @@ def fit_report(fit: Fit) -> str:
 def _heading(fit: Fit) -> list[str]:
     estimation = fit.estimation
     numbers = sum(each.numbers for each in estimation.experiments)
+    places = sum(layout.places for layout in estimation.layouts)
     lines = [
         f"Fit of {len(fit.labels)} numbers to {len(estimation.experiments)} experiments ({numbers} numbers measured)",
         _row("method", f"{fit.method}, {fit.iterations} iterations"),
         _row("loss", _loss(fit)),
         _row("condition", f"{fit.condition:.2g} (information matrix, in the parameters' scales)"),
     ]
+    if places:
+        lines.append(
+            _row("arc lengths", f"{places} of points somewhere on the backbone, estimated beside the parameters")
+        )
     if estimation.scaled:
         lines.append(
             _row("chi-square", f"{fit.chi_squared:.1f} at {fit.degrees_of_freedom} degrees of freedom{_verdict(fit)}")
@@ -168,11 +183,10 @@ def measurement_of(fit: Fit, residual: Residual) -> Measurement:
     return fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
 
 
-def place_of(fit: Fit, residual: Residual) -> tuple[Place] | None:
+def place_of(fit: Fit, residual: Residual) -> tuple[Place | Somewhere] | None:
     """Where a point was measured, alone in a tuple; None if the residual is not that of a point."""
     measurement = measurement_of(fit, residual)
-    points = PositionMeasurement, PoseMeasurement
-    return (measurement.arc_length[residual.block],) if isinstance(measurement, points) else None
+    return (measurement.requests[residual.block].place,) if isinstance(measurement, _POINTS) else None
 
 
 def is_point(fit: Fit, residual: Residual) -> bool:
@@ -181,13 +195,13 @@ def is_point(fit: Fit, residual: Residual) -> bool:
 
 
 def point_errors(fit: Fit) -> dict[str, Array]:
-    """Distances of measured points (m) by where they are: ends of tubes, the tip, sensors, or arc lengths."""
+    """Distances of measured points (m) by where they are: ends of tubes, the tip, sensors, arc lengths, somewhere."""
     return {name: np.array([each.distance for each in found]) for name, found in points_by_place(fit).items()}
 
 
 def points_by_place(fit: Fit) -> dict[str, list[Residual]]:
     """The residuals of points, by where they are."""
-    return _by_place(fit, (PositionMeasurement, PoseMeasurement))
+    return _by_place(fit, _POINTS)
 
 
 def angle_errors(fit: Fit) -> dict[str, Array]:
@@ -198,15 +212,17 @@ def angle_errors(fit: Fit) -> dict[str, Array]:
 
 def _by_place(fit: Fit, kinds: tuple[type, ...]) -> dict[str, list[Residual]]:
     those = [each for each in fit.residuals if isinstance(measurement_of(fit, each), kinds)]
-    measured: list[Any] = [measurement_of(fit, each) for each in those]
-    places = [one.arc_length[each.block] for one, each in zip(measured, those, strict=True)]
-    few = len({place for place in places if isinstance(place, float)}) <= _FEW
+    requests = [measurement_of(fit, each).requests[each.block] for each in those]
+    few = len({one.place for one in requests if isinstance(one.place, float)}) <= _FEW
     found: dict[str, list[Residual]] = {}
-    for each, one, place in zip(those, measured, places, strict=True):
+    for each, one in zip(those, requests, strict=True):
+        place = one.place
         if place is None:
             name = "tip"
         elif isinstance(place, Distal):
             name = f"end of tube {place.tube}"
+        elif isinstance(place, Somewhere):
+            name = "somewhere along it"
         else:
             name = f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
         found.setdefault(name if one.sensor is None else f"{name} ({one.sensor})", []).append(each)

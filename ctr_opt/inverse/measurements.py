@@ -1,4 +1,4 @@
-"""What was measured on a robot in equilibrium, with covariances: positions, poses, tangents, curvatures, torques.
+"""What was measured on a robot in equilibrium, with covariances: points, poses, tangents, curvatures, actuators' loads.
 
 A measurement says which predictions it needs and where (``requests``), and turns them into whitened residuals in
 ``blocks``: a point is a block of three numbers, whose norm a robust loss sees.
@@ -15,7 +15,7 @@ import attrs
 import numpy as np
 
 from ..errors import DefinitionError
-from ..robot.checks import ARRAY_EQ, Array, array, index, number
+from ..robot.checks import ARRAY_EQ, Array, array, flag, index, number
 
 
 def _tube(value: Any) -> int:
@@ -32,6 +32,10 @@ def _direction(value: Any) -> Array:
 
 def _torque(value: Any) -> float:
     return number(value, "torque", unit="N m")
+
+
+def _force(value: Any) -> float:
+    return number(value, "force", unit="N")
 
 
 def _as_given(value: Any) -> Any:
@@ -59,6 +63,11 @@ Place: TypeAlias = "float | Distal | None"
 """An arc length from the entry point, m; the end of a tube; or None, the tip."""
 
 
+@attrs.frozen
+class Somewhere:
+    """A place on the backbone that is estimated, with the rest."""
+
+
 def arc_length_of(place: Place, ends: Array) -> float:
     """Where a place is, m, on a robot whose tubes end at ``ends``."""
     if isinstance(place, Distal):
@@ -68,13 +77,13 @@ def arc_length_of(place: Place, ends: Array) -> float:
 
 @attrs.frozen
 class Request:
-    """A prediction that is needed: a ``kind`` (``"pose"``, ``"curvature"``, ``"torque"``) of a tube, at a place.
+    """A prediction of a tube that is needed, at a place: ``"pose"``, ``"curvature"``, ``"torque"`` or ``"force"``.
 
     With ``sensor``, the pose is that of a sensor which the tube carries there.
     """
 
     kind: str
-    place: Place = None
+    place: Place | Somewhere = None
     tube: int | None = None
     sensor: str | None = None
 
@@ -209,6 +218,13 @@ class _Measured:
                     index(tube, "tube", tubes)
 
 
+def _distances(measured: Sequence[Any], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    """Of predicted from measured points, and derivatives."""
+    values = np.stack([each.value[:, :, 3] for each in found], axis=1)
+    rates = np.stack([each.slopes[:, :3] for each in found], axis=1)
+    return values - np.array([each.position for each in measured]), rates
+
+
 @attrs.frozen(eq=False, slots=False)
 class PositionMeasurement(_Measured):
     """Measured positions of backbone points.
@@ -266,9 +282,58 @@ class PositionMeasurement(_Measured):
     @staticmethod
     def compare(measured: Sequence[PositionMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
         """Distances to the points, and derivatives."""
-        values = np.stack([each.value[:, :, 3] for each in found], axis=1)
-        rates = np.stack([each.slopes[:, :3] for each in found], axis=1)
-        return values - np.array([each.position for each in measured]), rates
+        return _distances(measured, found)
+
+
+@attrs.frozen(eq=False, slots=False)
+class BackboneMeasurement(_Measured):
+    """Measured positions of points somewhere on the backbone, as of a scan or of markers, at unknown arc lengths.
+
+    Each point's arc length is estimated with the parameters, between the entry point and the tip, and
+    :attr:`Fit.residuals <ctr_opt.Fit.residuals>` tell it.
+
+    Parameters
+    ----------
+    position
+        ``(k, 3)``, m, world frame.
+    sigma
+        As in :class:`PositionMeasurement`.
+    ordered
+        Whether the points are given from the entry point towards the tip, so that no arc length is below the one before
+        it.
+
+    Examples
+    --------
+    >>> BackboneMeasurement([[0.0, 0.0, 0.05], [0.01, 0.0, 0.08]], sigma=0.5e-3, ordered=True).shape
+    (2, 3)
+    """
+
+    position: Array = attrs.field(eq=ARRAY_EQ, converter=_as_given)
+    sigma: Any = None
+    ordered: bool = False
+
+    def __attrs_post_init__(self) -> None:
+        given = array(self.position, "position", (None, 3), unit="m")
+        if not len(given):
+            raise DefinitionError("position = [] must hold at least one point, shape (k, 3)")
+        object.__setattr__(self, "position", given)
+        object.__setattr__(self, "ordered", flag(self.ordered, "ordered"))
+        _ = self.whitener
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """A pose for each point."""
+        return (Request("pose", Somewhere()),) * len(self.position)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Points, and three coordinates."""
+        return len(self.position), 3
+
+    @staticmethod
+    def compare(measured: Sequence[BackboneMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """Distances to the points, and derivatives, places held."""
+        return _distances(measured, found)
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -483,8 +548,33 @@ class CurvatureMeasurement(_Measured):
         return values - np.array([each.curvature for each in measured]), rates
 
 
+class _OfActuator(_Measured):
+    """What an actuator exerts on a tube's base: one number, predicted under the name of the measurement's field."""
+
+    _kind: str
+
+    def __attrs_post_init__(self) -> None:
+        _ = self.whitener
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """Of the tube's actuator."""
+        return (Request(self._kind, None, self.tube),)  # type: ignore[attr-defined]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """One number."""
+        return 1, 1
+
+    @staticmethod
+    def compare(measured: Sequence[_OfActuator], found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """Differences of the numbers, and derivatives."""
+        told = np.array([[[getattr(each, each._kind)]] for each in measured])
+        return found[0].value[:, None] - told, found[0].slopes[:, None]
+
+
 @attrs.frozen(eq=False, slots=False)
-class TorqueMeasurement(_Measured):
+class TorqueMeasurement(_OfActuator):
     """A measured torque of an actuator on a tube's base, N m, about +z of the entry frame.
 
     Parameters
@@ -506,29 +596,41 @@ class TorqueMeasurement(_Measured):
     torque: float = attrs.field(converter=_torque)
     sigma: float | None = None
 
-    def __attrs_post_init__(self) -> None:
-        _ = self.whitener
+    _kind = "torque"
 
-    @property
-    def requests(self) -> tuple[Request, ...]:
-        """The torque."""
-        return (Request("torque", None, self.tube),)
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """One number."""
-        return 1, 1
+@attrs.frozen(eq=False, slots=False)
+class ForceMeasurement(_OfActuator):
+    """A measured axial force of an actuator on a tube's base, N, along +z of the entry frame.
 
-    @staticmethod
-    def compare(measured: Sequence[TorqueMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
-        """Differences of the torques, and derivatives."""
-        return found[0].value[:, None] - np.array([[[each.torque]] for each in measured]), found[0].slopes[:, None]
+    Parameters
+    ----------
+    tube
+        The tube.
+    force
+        N, as :meth:`Equilibrium.actuator_wrench <ctr_opt.Equilibrium.actuator_wrench>` gives it: without friction.
+    sigma
+        Standard deviation, N, or None.
+
+    Examples
+    --------
+    >>> ForceMeasurement(0, -0.8, sigma=0.02).shape
+    (1, 1)
+    """
+
+    tube: int = attrs.field(converter=_tube)
+    force: float = attrs.field(converter=_force)
+    sigma: float | None = None
+
+    _kind = "force"
 
 
 MEASUREMENTS = (
     PositionMeasurement,
+    BackboneMeasurement,
     PoseMeasurement,
     TangentMeasurement,
     CurvatureMeasurement,
     TorqueMeasurement,
+    ForceMeasurement,
 )

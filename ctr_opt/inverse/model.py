@@ -22,10 +22,11 @@ from ..robot.checks import Array
 from ..robot.loads import Load, LoadTable
 from ..robot.parameters import Parameter, parameters
 from ..robot.robot import Robot
+from ..transcription.integrals import integral_functions
 from ..transcription.parametric_problem import Discretized, ParametricProblem
-from .measurements import Distal, Predicted, Request, arc_length_of
+from .measurements import Distal, Predicted, Request, Somewhere, arc_length_of
 
-SIZES = {"pose": 12, "curvature": 3, "torque": 1}
+SIZES = {"pose": 12, "curvature": 3, "torque": 1, "force": 1}
 _PROBES = "probes"
 _INTEGRATOR = "RK8"
 
@@ -55,12 +56,23 @@ def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable
 
 
 def carrier(request: Request, ends: Array) -> int:
-    """The tube whose frame a pose is: the one that ends there, or the innermost that is there."""
+    """The tube whose frame a pose is: the one that ends there, or the innermost that is there; or the longest."""
     if request.tube is not None:
         return request.tube
     if isinstance(request.place, Distal):
         return request.place.tube
+    if isinstance(request.place, Somewhere):
+        return int(np.argmax(ends))
     return int(np.argmax(ends >= arc_length_of(request.place, ends) - 1e-9 * ends.max()))
+
+
+def _numbers(requests: Sequence[Request]) -> Array:
+    """The places that are numbers; zero where they are estimated."""
+    return np.array([r.place if isinstance(r.place, float) else 0.0 for r in requests if _numbered(r)])
+
+
+def _numbered(request: Request) -> bool:
+    return isinstance(request.place, (float, Somewhere))
 
 
 def _jumps(request: Request) -> bool:
@@ -84,7 +96,7 @@ class GroupModel:
         known = parameters(configuration.robot, configuration.actuation, configuration.loads)
         of_loads = [name for name, each in known.items() if name.startswith("loads[") and not each.idle]
         data = ["rotations", "translations", *of_loads]
-        places = np.array([r.place for r in self.requests if isinstance(r.place, float)])
+        places = _numbers(self.requests)
         probes = [Parameter(_PROBES, places)] if len(places) else []
         own = [known[name] for name in self.acting if name not in data]
         self.problem = ParametricProblem(
@@ -92,13 +104,20 @@ class GroupModel:
         )
         order = self.problem.sorted()
         cuts = [np.linspace(0.0, 1.0, steps + 1)] * order.sections
-        self._sections = order.sections if self._curved else 0
+        self._pushed = [r.tube or 0 for r in self.requests if r.kind == "force"]
+        self._sections = order.sections if self._curved or self._pushed else 0
         around = [(k, 1) for k in range(self._sections)] + [(k + 1, 0) for k in range(self._sections)]
         marks = self._marks()
         ends = [self.problem.parametric.tube_end(r.tube or 0) for r in self.requests if _jumps(r)]
         sides = list(zip([mark for mark, r in marks if _jumps(r)], ends, strict=True))
         self._discretized = Discretized(
-            self.problem, order, cuts, around, marks=[mark for mark, r in marks if not _jumps(r)], sides=sides
+            self.problem,
+            order,
+            cuts,
+            around,
+            integrals=bool(self._pushed),
+            marks=[mark for mark, r in marks if not _jumps(r)],
+            sides=sides,
         )
         scales = configuration.scales
         self.unit: Array = scales.unknowns(configuration.tube_count, configuration.kind.live)
@@ -127,6 +146,13 @@ class GroupModel:
         return [k for name in self.acting for k in range(parts[name].start, parts[name].stop)]
 
     @cached_property
+    def somewhere(self) -> list[int]:
+        """The numbers that are places which are estimated."""
+        numbered = [request for request in self.requests if _numbered(request)]
+        start = self.problem.parts[_PROBES].start if numbered else 0
+        return [start + k for k, request in enumerate(numbered) if isinstance(request.place, Somewhere)]
+
+    @cached_property
     def function(self) -> ca.Function:
         """``(z, theta) -> (residual, values, their derivatives)``, SI."""
         count, active = int(self.problem.theta.shape[0]), self.active
@@ -149,6 +175,9 @@ class GroupModel:
         for request in self.requests:
             if request.kind == "torque":
                 found.append(-swept.z[2 + (request.tube or 0)] * configuration.scales.moment)
+                continue
+            if request.kind == "force":
+                found.append(self._force(swept, request.tube or 0))
                 continue
             if request.kind == "curvature":
                 weights = None if request.place is None else swept.sides[:, side]
@@ -175,6 +204,16 @@ class GroupModel:
         rotated = ca.vertcat(c * bent[0] + s * bent[1], c * bent[1] - s * bent[0], twisted[tube])
         return rotated / self.configuration.scales.length
 
+    def _force(self, swept: Any, tube: int) -> Any:
+        """On a tube's base: as ``actuator_wrench`` has it, its break points wherever they stand in the order."""
+        scales, discretized = self.configuration.scales, self._discretized
+        functions = integral_functions(self.configuration.tube_count, _INTEGRATOR, discretized.kind)
+        *_, forces = functions.step.map(len(discretized.steps))(swept.begins, swept.columns, swept.slopes)
+        states = ca.horzcat(swept.right[:, : self._sections], swept.left)
+        energies = functions.hamiltonian.map(2 * self._sections)(states, ca.horzcat(*swept.locals.values()))
+        weights, behind = self.problem.actuated(tube, discretized.order)(swept.theta, swept.z[2 + tube] * scales.moment)
+        return (ca.sum2(forces[tube, :]) + energies @ weights) * scales.force + behind
+
     # -- numbers ---------------------------------------------------------------------------------------------------
 
     def numbers(
@@ -185,7 +224,7 @@ class GroupModel:
         theta = np.empty(int(self.problem.theta.shape[0]))
         for name, part in self.problem.parts.items():
             if name == _PROBES:
-                theta[part] = [r.place for r in requests if isinstance(r.place, float)]
+                theta[part] = _numbers(requests)
             elif name in values:
                 theta[part] = np.ravel(values[name])
             else:

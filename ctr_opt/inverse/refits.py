@@ -35,7 +35,7 @@ def profile(fit: Fit, label: str, count: int, width: float) -> tuple[Array, Arra
         x = fit.found.x.copy()
         x[k] = value
         found = _answer(f"the profile at {label} = {value:g}", estimation, fit.equilibria, start=x, fixed=[k])
-        linearized = estimation.linearize(found.x, found.moments)
+        linearized = estimation.linearize(found.x, found.states)
         costs.append(estimation.cost(linearized) + estimation.prior_cost(found.x) - fit.objective)
     return values, np.array(costs)
 
@@ -63,8 +63,8 @@ def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
     """The same estimates beside other experiments."""
     _check_shared(fit)
     others = fit.estimation.of(experiments)
-    moments = [each.unknowns for each in others.equilibria_of(fit.found.x, whose)]
-    return Fit(others, attrs.evolve(fit.found, moments=moments), fit.method)
+    states = others.states(fit.found.x, others.equilibria_of(fit.found.x, whose))
+    return Fit(others, attrs.evolve(fit.found, states=states), fit.method)
 
 
 def bootstrap(fit: Fit, repetitions: int, seed: int) -> Array:

@@ -1,6 +1,7 @@
 """The simultaneous way: every experiment's base moments are unknowns too, and its equilibrium is a constraint.
 
-IPOPT minimizes the loss of the misfits and the priors, with the Hessian of Gauss and Newton.
+IPOPT minimizes the loss of the misfits and the priors, with the Hessian of Gauss and Newton. Places of points that are
+estimated follow the unknowns, wherever these go.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ..errors import DefinitionError, EstimationError
 from ..robot.checks import Array
 from ..solvers.programs import Evaluated, solve_program
 from .estimation import Estimation, Progress
+from .places import eliminated
 from .reduced import Found
 
 if TYPE_CHECKING:
@@ -34,11 +36,12 @@ _DAMPING = 1e-3
 class _Program:
     """The program in scaled unknowns: parameters first, then the experiments' base moments one behind the other."""
 
-    def __init__(self, estimation: Estimation, x: Array, moments: Sequence[Array]) -> None:
+    def __init__(self, estimation: Estimation, x: Array, states: Sequence[Array]) -> None:
         self.estimation = estimation
         self.units = estimation.units
+        self.states = states
         self.parameters = len(x)
-        ends = np.cumsum([self.parameters, *(len(each) for each in moments)])
+        ends = np.cumsum([self.parameters, *(len(each) for each in self.units)])
         self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self.size = int(ends[-1])
         #  where each group's base moments stand, (experiments, moments)
@@ -48,13 +51,14 @@ class _Program:
         ]
 
     def split(self, v: Array) -> tuple[Array, list[Array]]:
-        """Parameters and base moments, SI."""
+        """Parameters, and states with places as they are."""
         x = v[: self.parameters] * self.estimation.unknowns.scale
-        return x, [v[part] * unit for part, unit in zip(self.parts, self.units, strict=True)]
+        every = zip(self.states, self.parts, self.units, strict=True)
+        return x, [np.concatenate((v[part] * unit, state[len(unit) :])) for state, part, unit in every]
 
-    def join(self, x: Array, moments: Sequence[Array]) -> Array:
+    def join(self, x: Array, states: Sequence[Array]) -> Array:
         """The scaled unknowns."""
-        scaled = [each / unit for each, unit in zip(moments, self.units, strict=True)]
+        scaled = [state[: len(unit)] / unit for state, unit in zip(states, self.units, strict=True)]
         return np.concatenate((x / self.estimation.unknowns.scale, *scaled))
 
     # -- structure -------------------------------------------------------------------------------------------------
@@ -94,7 +98,7 @@ class _Program:
     def evaluate(self, v: Array) -> Evaluated | None:
         """Objective, constraints and their derivatives."""
         estimation, scale = self.estimation, self.estimation.unknowns.scale
-        x, moments = self.split(v)
+        x, states = self.split(v)
         mean, sigma = estimation.unknowns.prior
         objective = estimation.prior_cost(x)
         gradient = np.zeros(self.size)
@@ -102,7 +106,8 @@ class _Program:
         constraints = np.zeros(self.size - self.parameters)
         slopes, curvatures = [], [(scale / sigma) ** 2 + _DAMPING]
         try:
-            linearized = estimation.linearize_groups(x, moments)
+            self.states = estimation.settled(x, states, solved=False)
+            linearized = estimation.linearize_groups(x, self.states)
         except (DefinitionError, EstimationError):  # no such robot
             return None
         for group, places, each in zip(estimation.models, self._places, linearized, strict=True):
@@ -110,12 +115,13 @@ class _Program:
             constraints[places - self.parameters] = each.residual / group.unit
             both = np.concatenate((each.residual_x * own, each.residual_z * group.unit), axis=2)
             slopes.append((both / group.unit[:, None]).ravel())
-            rows = np.concatenate((each.misfit_x * own, each.misfit_z * group.unit), axis=2)
             layout = estimation.layouts[group.members[0]]
+            rows = np.concatenate((each.misfit_x * own, each.misfit_z * group.unit, layout.along(each)), axis=2)
             losses, pulls, curvature = estimation.expanded(layout, each.misfit, rows, positive=True)
+            curvature, pulls = eliminated(curvature, pulls, layout.places)
             objective += float(losses.sum())
             np.add.at(gradient, np.hstack((each.own, places)), pulls.sum(axis=1))
-            upper = np.triu_indices(rows.shape[2])
+            upper = np.triu_indices(both.shape[2])
             curvatures.append(curvature[:, upper[0], upper[1]].ravel())
         if not (np.isfinite(objective) and np.isfinite(constraints).all()):
             return None
@@ -146,21 +152,23 @@ def solve_simultaneous(
     estimation: Estimation, equilibria: Sequence[Equilibrium], progress: Progress | None = None
 ) -> Found:
     """Least loss over parameters and base moments by IPOPT."""
-    unknowns = estimation.unknowns
-    program = _Program(estimation, unknowns.initial, [each.unknowns for each in equilibria])
+    unknowns, states = estimation.unknowns, estimation.first_states(equilibria)
+    program = _Program(estimation, unknowns.initial, states)
     lower, upper = np.full(program.size, -np.inf), np.full(program.size, np.inf)
     for side, bound in ((lower, unknowns.bounds[0]), (upper, unknowns.bounds[1])):
         side[: program.parameters] = bound / unknowns.scale
     watch = None if progress is None else (lambda step: progress("steps", step, 0))
-    start = program.join(unknowns.initial, [each.unknowns for each in equilibria])
+    start = program.join(unknowns.initial, states)
     iterations = 0
     if estimation.loss != "squared":  # far from the answer squares are kinder than losses that outliers move little
-        rough = _Program(estimation.by_squares(), unknowns.initial, [each.unknowns for each in equilibria])
+        rough = _Program(estimation.by_squares(), unknowns.initial, states)
         nearer = solve_program(rough, start, (lower, upper), tolerance=_ROUGH, progress=watch)
         iterations = nearer.iterations
         if nearer.converged:
-            start = nearer.x
+            start, program.states = nearer.x, rough.states
     point = solve_program(program, start, (lower, upper), progress=watch)
     x, found = program.split(point.x)
     x = np.clip(x, *unknowns.bounds)  # IPOPT goes beyond by 1e-8
+    if point.converged:
+        found = estimation.settled(x, found)
     return Found(x, found, point.converged, point.message, iterations + point.iterations)

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..robot.checks import Array
 from .estimation import Estimation, Linearized
+from .places import across, eliminated
 
 VAGUE = 1.0  # scaled standard deviation from which a number counts as known vaguely: to no better than its size
 _UNKNOWN = 3.0
@@ -49,7 +50,7 @@ class Direction:
 
 @attrs.frozen(eq=False)
 class Information:
-    """Sums over the data at a solution, in scaled unknowns.
+    """Sums over the data at a solution, in scaled unknowns; places that are estimated follow at their best.
 
     ``matrix``: of Gauss and Newton for whitened misfits; ``curvature``: the loss's Hessian, outer product of the
     blocks' gradients in ``scatter`` (for the sandwich); ``prior``: the priors' inverse variances.
@@ -72,7 +73,12 @@ def information(estimation: Estimation, linearized: Sequence[Linearized]) -> Inf
     for k, each in enumerate(linearized):
         slopes = np.zeros((len(each.misfit), size))
         slopes[:, each.own] = each.reduced() * scale[each.own]
-        _, pulls, own_curvature = estimation.expanded(estimation.layouts[k], each.misfit, slopes, positive=False)
+        layout = estimation.layouts[k]
+        along = layout.along(each)
+        both = np.hstack((slopes, along))
+        _, pulls, own_curvature = estimation.expanded(layout, each.misfit, both, positive=False)
+        own_curvature, pulls = eliminated(own_curvature, pulls, layout.places)
+        slopes = across(slopes, along)
         matrix += slopes.T @ slopes
         curvature += own_curvature
         scatter += pulls.T @ pulls

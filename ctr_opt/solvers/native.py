@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,15 @@ class LoadRows:
         self._point, self._span = np.array(points, dtype=np.float64), np.array(spans, dtype=np.float64)
         self._struct = _Loads(len(points), len(spans), _pointer(self._point), _pointer(self._span))
         self.address = ctypes.addressof(self._struct)
+
+    def placed(self, points: list[int], s: NDArray[np.float64]) -> LoadRows:
+        """The same with some rows of points at other arc lengths."""
+        other = copy(self)
+        other._point = self._point.copy()
+        other._point[points, 0] = s
+        other._struct = _Loads(len(other._point), len(self._span), _pointer(other._point), _pointer(self._span))
+        other.address = ctypes.addressof(other._struct)
+        return other
 
     @classmethod
     def of(

@@ -137,13 +137,39 @@ class ParametricProblem:
         What the actuator does on the whole part behind, as the sum over its break points telescopes.
         """
         torque, tube = ca.SX.sym("torque"), self.parametric
-        bending, torsional = tube.bending_stiffness[i], tube.torsional_stiffness[i]
         key = max((key for key, rank in order.ranks.items() if key[:2] == ("tube", i) and rank < 0), key=lambda k: k[2])
-        preset = ca.SX.zeros(3)
-        for d, row in enumerate(tube.shapes[i][key[2]][1]):
-            preset += row * (0.0 - tube.points[key]) ** d
-        force = 0.5 * torque**2 / torsional + torque * preset[2] - 0.5 * bending * ca.sumsqr(preset[:2])
+        force = self._straightened(i, torque, self._preset(key, tube.shapes[i][key[2]][1]))
         return ca.Function("behind", [self.theta, torque], [force])
+
+    def actuated(self, i: int, order: Order) -> ca.Function:
+        """``(theta, tau_i(0)) -> `` weights ``(2 sections,)`` of Hamiltonians, and that right behind the entry point.
+
+        Where the order is not known: at the starts of the sections and at their ends, with a jump wherever a break
+        point of the tube stands in front of the entry point.
+        """
+        torque, shapes, points = ca.SX.sym("torque"), self.parametric.shapes[i], self.parametric.points
+        keys = [("tube", i, j) for j in range(1, len(shapes) + 1)]
+        jumps = [
+            sum(((points[key] > 0) * order.at(key, k) for key in keys), ca.SX(0)) for k in range(order.sections + 1)
+        ]
+        weights = ca.vertcat(0, *jumps[1:-1], *(-jump for jump in jumps[1:]))
+        preset = self._preset(*shapes[0])
+        for key, rows in shapes[1:]:
+            preset = ca.if_else(points[key] < 0, self._preset(key, rows), preset)
+        force = self._straightened(i, torque, preset)
+        return ca.Function("actuated", [self.theta, torque], [weights, force])
+
+    def _preset(self, key: Key, rows: Sequence[Any]) -> Any:
+        """``u*`` at the entry point of the piece of a tube that begins at a break point."""
+        preset = ca.SX.zeros(3)
+        for d, row in enumerate(rows):
+            preset += row * (0.0 - self.parametric.points[key]) ** d
+        return preset
+
+    def _straightened(self, i: int, torque: Any, preset: Any) -> Any:
+        """The Hamiltonian of a tube alone that is held straight, N."""
+        bending, torsional = self.parametric.bending_stiffness[i], self.parametric.torsional_stiffness[i]
+        return 0.5 * torque**2 / torsional + torque * preset[2] - 0.5 * bending * ca.sumsqr(preset[:2])
 
 
 @attrs.frozen(eq=False)
