@@ -182,12 +182,13 @@ class Fit:
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot with the estimated parameters; sensors on it are no part of it.
+        """The robot with the estimated parameters.
 
         Raises
         ------
         EstimationError
-            The data do not determine them; what they leave open of single experiments and offsets is no obstacle.
+            The data do not determine them; what they leave open of single experiments, offsets and sensors is
+            no obstacle.
         """
         unknowns = self._estimation.unknowns
         own = {label for entry in unknowns.entries if entry.of_robot for label in entry.labels}
