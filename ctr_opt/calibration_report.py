@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 _LIMITS = (3.0, 4.0)  # mm: the paper tells which share of the tip's errors lies below
 _STATISTICS = ("mean", "median", "sd", "least", "largest")
+_MOST_LEFT_OUT = 0.1  # of the experiments
 LOSS_NAMES = {
     "distance": "sum of distances",
     "squared": "weighted least squares",
@@ -61,7 +62,7 @@ def _lines(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit], held
     if calibration.does_not_claim:
         lines += [">", f"> **{calibration.does_not_claim}**"]
     lines += ["", "## Errors with nominal parameters", "", *_errors(nominal)]
-    lines += ["", "## Parameters", "", *_parameters(calibration, fits)]
+    lines += ["", "## Parameters", "", *_parameters(calibration, _named(fits))]
     for loss, fit in fits.items():
         lines += _undetermined(loss, fit)
     for loss, fit in fits.items():
@@ -71,12 +72,18 @@ def _lines(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit], held
         told = hold_out_table(fits[loss], fit)
         lines += ["", f"## Prediction of the experiments held out: {LOSS_NAMES[loss]}", "", *told]
     lines += ["", "## Experiments that do not fit", "", *_outliers(fits)]
+    if "squared" in fits and fits["squared"].outliers:
+        lines += ["", *_without(calibration, fits["squared"])]
     if calibration.checks:
         lines += ["", "## Prediction of what was not fitted", "", *_checks(calibration, fits)]
     for loss, fit in fits.items():
         lines += ["", f"## The fit in full: {LOSS_NAMES[loss]}", "", "```", fit.report(), "```"]
         lines += ["", f"![Errors, residuals, correlations, confidence](fit_{loss}.png)"]
     return lines
+
+
+def _named(fits: Mapping[str, Fit]) -> dict[str, Fit]:
+    return {LOSS_NAMES[loss]: fit for loss, fit in fits.items()}
 
 
 def _counted(calibration: Calibration) -> str:
@@ -173,13 +180,34 @@ def _outliers(fits: Mapping[str, Fit]) -> list[str]:
     return lines
 
 
+def _without(calibration: Calibration, fit: Fit) -> list[str]:
+    """Squares again, the worst experiment left out until none stands out: one may make others look bad."""
+    rest = fit
+    left: list[str] = []
+    while rest.outliers and len(left) < _MOST_LEFT_OUT * len(fit.estimation.experiments):
+        worst = max(rest.outliers, key=lambda k: float(rest.influence[k]))
+        left.append(rest.estimation.experiments[worst].name or str(worst))
+        rest = rest.without(worst)
+    told = f"{LOSS_NAMES['squared']} without {', '.join(left)}"
+    lines = [
+        f"With the one of most influence left out, again and again until none stands out ({', '.join(left)}):",
+        "",
+        *_parameters(calibration, {LOSS_NAMES["squared"]: fit, told: rest}),
+        "",
+    ]
+    if rest.estimation.scaled:
+        verdict = "accepted" if rest.noise_accepted else "rejected"
+        lines.append(f"The given noise level is then {verdict} (p = {rest.p_value:.2g}).")
+    return lines
+
+
 # -- parameters --------------------------------------------------------------------------------------------------------
 
 
 def _parameters(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
     first = next(iter(fits.values()))
     truth = calibration.truth.get("values", {})
-    header = ["parameter", "nominal", *(LOSS_NAMES[loss] for loss in fits)]
+    header = ["parameter", "nominal", *fits]
     header += ["truth"] if truth else []
     sizes = [(entry.name, entry.size) for entry in first.estimation.unknowns.entries]
     true = np.concatenate([np.broadcast_to(np.ravel(truth.get(name, np.nan)), size) for name, size in sizes])
@@ -243,7 +271,7 @@ def _histograms(nominal: Fit, fits: Mapping[str, Fit]) -> Figure:
     figure, axes = plt.subplots(
         1, 1 + len(fits), figsize=(4.0 * (1 + len(fits)), 3.4), sharex=True, constrained_layout=True
     )
-    named = {"nominal": nominal, **{LOSS_NAMES[loss]: fit for loss, fit in fits.items()}}
+    named = {"nominal": nominal, **_named(fits)}
     errors = {name: 1e3 * tip_errors(fit)[0] for name, fit in named.items()}
     largest = max((float(each.max()) for each in errors.values() if len(each)), default=1.0)
     bins = np.linspace(0.0, largest, 25)
