@@ -38,7 +38,7 @@ class HoldOut:
     """A share of the experiments, drawn at random with a seed, that is predicted and not fitted.
 
     >>> HoldOut(0.4, seed=1).of(5)
-    [3, 4]
+    [0, 4]
     """
 
     share: float = attrs.field(converter=_share)
