@@ -133,8 +133,9 @@ def solve_reduced(
     scale = unknowns.scale[free]
     problem = _Reduced(estimation, equilibria, x, free, progress)
     bounds = tuple(each[free] / scale for each in unknowns.bounds)
-    accuracy: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12}
-    result = least_squares(problem.residuals, x[free] / scale, problem.jacobian, bounds, max_nfev=200, **accuracy)
+    options: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12, "max_nfev": 200}
+    options["x_scale"] = "jac"  # bounds close by would make for many small steps
+    result = least_squares(problem.residuals, x[free] / scale, problem.jacobian, bounds, **options)
     found, count = problem.all(result.x), int(result.njev or 0)
     try:
         final = estimation.equilibria(found, problem.equilibria)
