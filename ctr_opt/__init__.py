@@ -13,8 +13,11 @@ from .errors import CompilationError as CompilationError
 from .errors import CtrOptError as CtrOptError
 from .errors import DefinitionError as DefinitionError
 from .errors import EstimationError as EstimationError
+from .errors import EstimationWarning as EstimationWarning
 from .errors import NestingWarning as NestingWarning
 from .errors import SolveError as SolveError
+from .experiment_tables import read_experiments as read_experiments
+from .experiment_tables import write_experiments as write_experiments
 from .files import Problem as Problem
 from .files import load_problem as load_problem
 from .files import load_robot as load_robot

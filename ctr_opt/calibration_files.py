@@ -15,8 +15,9 @@ from .files import Problem, load_problem, load_robot
 from .inverse.calibration import CalibrationProblem
 from .inverse.experiment import Experiment
 from .inverse.losses import LOSSES
+from .inverse.parameters import Parameter
 from .reading import at, read_toml
-from .robot.checks import Array, choice
+from .robot.checks import Array, choice, number
 from .robot.robot import Robot
 
 
@@ -28,6 +29,31 @@ class Check:
     tip_position: Array
 
 
+def _share(value: Any) -> float:
+    return number(value, "hold_out.share", above=0.0, most=1.0)
+
+
+@attrs.frozen
+class HoldOut:
+    """A share of the experiments, drawn at random with a seed, that is predicted and not fitted.
+
+    >>> HoldOut(0.4, seed=1).of(5)
+    [3, 4]
+    """
+
+    share: float = attrs.field(converter=_share)
+    seed: int
+
+    def of(self, count: int) -> list[int]:
+        """The numbers of those that are held out, of so many."""
+        held = np.random.default_rng(self.seed).permutation(count)[: round(self.share * count)]
+        if not 0 < len(held) < count:
+            raise DefinitionError(
+                f"hold_out.share = {self.share:g} of {count} experiments must hold out at least one and leave one"
+            )
+        return sorted(int(k) for k in held)
+
+
 @attrs.frozen(eq=False)
 class Calibration:
     """A calibration read from a file.
@@ -35,9 +61,11 @@ class Calibration:
     Attributes
     ----------
     robot, experiments, parameters, losses
-        What to fit, by which losses.
+        What to fit, by which losses; ``held`` are the experiments of the table that are not.
     sigma
         Standard deviations of ``position`` (m) and ``direction`` (rad), as far as given.
+    sensor
+        The name of the sensor whose position and direction those of the tip are; None: the tip's own.
     checks
         What is predicted and not fitted.
     truth
@@ -51,9 +79,12 @@ class Calibration:
     robot: Robot
     table: Path
     experiments: tuple[Experiment, ...]
-    parameters: tuple[str, ...]
+    parameters: tuple[str | Parameter, ...]
     losses: tuple[str, ...]
     sigma: dict[str, Any]
+    sensor: str | None = None
+    hold_out: HoldOut | None = None
+    held: tuple[Experiment, ...] = ()
     checks: tuple[Check, ...] = ()
     truth: dict[str, Any] = attrs.field(factory=dict)
     description: str = ""
@@ -80,7 +111,9 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
     ----------
     path
         A TOML file with ``experiments``, the name of a CSV file beside it as for
-        :func:`~ctr_opt.experiment_tables.read_experiments`, ``parameters``, ``losses``, and ``[sigma]``.
+        :func:`~ctr_opt.experiment_tables.read_experiments`, ``sensor`` if tips are those of a sensor, ``parameters``
+        (names, or tables with the arguments of :class:`~ctr_opt.Parameter`), ``losses``, ``[sigma]``, and
+        ``[hold_out]`` with ``share`` and ``seed`` of the experiments that are predicted and not fitted.
     on_overlap
         As in :func:`load_robot`.
     measured
@@ -103,8 +136,10 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
     robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
     table, sigma = file.parent / data["experiments"], data["sigma"]
     tubes = len(robot.tubes)
-    given = {"sigma": sigma.get("position"), "direction_sigma": sigma.get("direction")}
-    experiments = tuple(read_experiments(table, tubes, **given)) if measured else ()
+    told = {"sigma": sigma.get("position"), "direction_sigma": sigma.get("direction"), "sensor": data.get("sensor")}
+    rows = read_experiments(table, tubes, **told) if measured else []
+    hold_out = at(file, "", lambda: HoldOut(**data["hold_out"]) if "hold_out" in data else None)
+    held = at(file, "", lambda: hold_out.of(len(rows)) if hold_out and rows else [])
     for loss in data["losses"]:
         at(file, "", lambda loss=loss: choice(loss, "losses", LOSSES))  # type: ignore[misc]
     checks = tuple(
@@ -115,10 +150,13 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
         data["title"],
         robot,
         table,
-        experiments,
-        tuple(data["parameters"]),
+        tuple(each for k, each in enumerate(rows) if k not in held),
+        tuple(each if isinstance(each, str) else Parameter(**each) for each in data["parameters"]),
         tuple(data["losses"]),
         sigma,
+        data.get("sensor"),
+        hold_out,
+        tuple(rows[k] for k in held),
         checks,
         data.get("truth", {}),
         data.get("description", ""),

@@ -13,7 +13,7 @@ from .calibration_files import Calibration, Check
 from .errors import DefinitionError, EstimationError
 from .forward import ForwardProblem
 from .inverse.fit_plots import figure_fit
-from .inverse.fit_report import place_of, point_errors, unit_of
+from .inverse.fit_report import angle_errors, place_of, point_errors, points_by_place, unit_of, worst_point
 from .inverse.uncertainty import symbol
 from .plotting import save_figure
 from .robot.checks import Array
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .inverse.fit import Fit
 
 _LIMITS = (3.0, 4.0)  # mm: the paper tells which share of the tip's errors lies below
+_STATISTICS = ("mean", "median", "sd", "least", "largest")
 LOSS_NAMES = {
     "distance": "sum of distances",
     "squared": "weighted least squares",
@@ -34,10 +35,12 @@ LOSS_NAMES = {
 }
 
 
-def write_report(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit], folder: Path) -> Path:
+def write_report(
+    calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit], held: Mapping[str, Fit], folder: Path
+) -> Path:
     """Write ``report.md`` and its figures into a folder, which is made; returns the page's path.
 
-    ``fits``: by the names of their losses.
+    ``fits``: by the names of their losses; ``held``: the same estimates beside the experiments that were held out.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -47,18 +50,13 @@ def write_report(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit]
     for loss, fit in fits.items():
         save_figure(figure_fit(fit), folder / f"fit_{loss}.png")
     page = folder / "report.md"
-    text = "\n".join(_lines(calibration, nominal, fits)) + "\n"
+    text = "\n".join(_lines(calibration, nominal, fits, held)) + "\n"
     write_atomically(page, lambda part: part.write_text(text, "utf-8"))
     return page
 
 
-def _lines(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit]) -> list[str]:
-    loaded = sum(1 for each in calibration.experiments if each.loads)
-    lines = [f"# {calibration.title}", "", calibration.description, ""]
-    lines += [
-        f"{len(calibration.experiments)} experiments, {loaded} of them loaded, from `{calibration.table.name}`.",
-        "",
-    ]
+def _lines(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit], held: Mapping[str, Fit]) -> list[str]:
+    lines = [f"# {calibration.title}", "", calibration.description, "", _counted(calibration), ""]
     lines += [f"> {line}" for line in calibration.source.strip().splitlines()]
     if calibration.does_not_claim:
         lines += [">", f"> **{calibration.does_not_claim}**"]
@@ -68,13 +66,28 @@ def _lines(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit]) -> l
         lines += _undetermined(loss, fit)
     for loss, fit in fits.items():
         lines += ["", f"## Errors with calibrated parameters: {LOSS_NAMES[loss]}", "", *_errors(fit)]
-    lines += ["", "![Errors of the tip](errors.png)", "", "## Experiments that do not fit", "", *_outliers(fits)]
+    lines += ["", "![Errors of the tip](errors.png)"]
+    for loss, fit in held.items():
+        told = hold_out_table(fits[loss], fit)
+        lines += ["", f"## Prediction of the experiments held out: {LOSS_NAMES[loss]}", "", *told]
+    lines += ["", "## Experiments that do not fit", "", *_outliers(fits)]
     if calibration.checks:
         lines += ["", "## Prediction of what was not fitted", "", *_checks(calibration, fits)]
     for loss, fit in fits.items():
         lines += ["", f"## The fit in full: {LOSS_NAMES[loss]}", "", "```", fit.report(), "```"]
         lines += ["", f"![Errors, residuals, correlations, confidence](fit_{loss}.png)"]
     return lines
+
+
+def _counted(calibration: Calibration) -> str:
+    every = [*calibration.experiments, *calibration.held]
+    loaded = sum(1 for each in every if each.loads)
+    text = f"{len(every)} experiments, {loaded or 'none'} of them loaded, from `{calibration.table.name}`."
+    if calibration.hold_out is None:
+        return text
+    return (
+        f"{text} {len(calibration.held)}, drawn at random (seed {calibration.hold_out.seed}), are held out of the fit."
+    )
 
 
 def _table(header: list[str], rows: list[list[str]]) -> list[str]:
@@ -90,7 +103,7 @@ def tip_errors(fit: Fit) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Of the experiments whose tip was measured: its error (m), its arc length (m), and whether there was a load."""
     tips = [each for each in fit.residuals if place_of(fit, each) == (None,)]
     loaded = [bool(fit.estimation.experiments[each.experiment].loads) for each in tips]
-    sizes, lengths = ([getattr(each, field) for each in tips] for field in ("size", "arc_length"))
+    sizes, lengths = ([getattr(each, field) for each in tips] for field in ("distance", "arc_length"))
     return np.array(sizes), np.array(lengths), np.array(loaded, dtype=bool)
 
 
@@ -99,11 +112,10 @@ def _errors(fit: Fit) -> list[str]:
     errors, lengths, loaded = tip_errors(fit)
     if len(errors) and loaded.any() and not loaded.all():
         groups += [("tip, unloaded", errors[~loaded]), ("tip, loaded", errors[loaded])]
-    rows = [
-        [name, str(len(e)), *(f"{1e3 * x:.2f}" for x in (e.mean(), np.median(e), e.std(), e.min(), e.max()))]
-        for name, e in groups
-    ]
-    lines = _table(["error [mm]", "points", "mean", "median", "sd", "least", "largest"], rows)
+    lines = _table(["error [mm]", "points", *_STATISTICS], [_statistics(name, 1e3 * e) for name, e in groups])
+    angles = [_statistics(name, np.rad2deg(each)) for name, each in angle_errors(fit).items()]
+    if angles:
+        lines += ["", *_table(["error [deg]", "directions", *_STATISTICS], angles)]
     if len(errors):
         shares = [f"{np.mean(1e3 * errors < limit):.0%} below {limit:g} mm" for limit in _LIMITS]
         share = errors / lengths
@@ -118,6 +130,31 @@ def _errors(fit: Fit) -> list[str]:
     return lines
 
 
+def _statistics(name: str, e: Array) -> list[str]:
+    return [name, str(len(e)), *(f"{x:.2f}" for x in (e.mean(), np.median(e), e.std(), e.min(), e.max()))]
+
+
+def hold_out_table(fit: Fit, held: Fit) -> list[str]:
+    """Errors of experiments that were fitted, and of others that the same estimates predict.
+
+    Distances and angles; predicted minus measured along the world's axes, mean ± standard deviation.
+    """
+    rows = []
+    for name in points_by_place(fit):
+        for title, each in (("fitted", fit), ("held out", held)):
+            errors = 1e3 * np.array([found.value[:3] for found in points_by_place(each).get(name, [])]).reshape(-1, 3)
+            axes = [f"{x.mean():+.3f} ± {x.std():.3f}" for x in errors.T]
+            rows.append([f"{name}, {title} [mm]", *_spread(np.linalg.norm(errors, axis=1)), *axes])
+    for name in angle_errors(fit):
+        for title, each in (("fitted", fit), ("held out", held)):
+            rows.append([f"{name}, {title} [deg]", *_spread(np.rad2deg(angle_errors(each)[name])), "", "", ""])
+    return _table(["error", "count", "mean", "sd", "largest", "x", "y", "z"], rows)
+
+
+def _spread(e: Array) -> list[str]:
+    return [str(len(e)), *(f"{x:.3f}" for x in (e.mean(), e.std(), e.max()))]
+
+
 def _outliers(fits: Mapping[str, Fit]) -> list[str]:
     lines = []
     for loss, fit in fits.items():
@@ -125,14 +162,12 @@ def _outliers(fits: Mapping[str, Fit]) -> list[str]:
             lines.append(f"- {LOSS_NAMES[loss]}: none.")
         for k in fit.outliers:
             each = fit.estimation.experiments[k]
-            worst = max((r for r in fit.residuals if r.experiment == k), key=lambda r: r.size)
             turned = ", ".join(f"{x:g}" for x in np.round(np.rad2deg(each.actuation.rotations), 2))
             pushed = ", ".join(f"{x:g}" for x in np.round(1e3 * each.actuation.translations, 3))
             lines.append(
                 f"- {LOSS_NAMES[loss]}: {each.name or k} ({turned} deg; {pushed} mm; "
                 f"{'loaded' if each.loads else 'unloaded'}): "
-                f"{1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, influence (Cook's distance) "
-                f"{fit.influence[k]:.2g}. "
+                f"{worst_point(fit, k)}influence (Cook's distance) {fit.influence[k]:.2g}. "
                 "It was fitted with the others; look for a mistake in its record."
             )
     return lines
@@ -151,7 +186,10 @@ def _parameters(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
     rows = []
     for k, label in enumerate(first.labels):
         factor, unit = unit_of(label)
-        row = [f"{symbol(label)} [{unit}]", f"{factor * first.estimation.unknowns.initial[k]:.6g}"]
+        row = [
+            f"{symbol(label)} [{unit}]" if unit else symbol(label),
+            f"{factor * first.estimation.unknowns.initial[k]:.6g}",
+        ]
         for fit in fits.values():
             value, error = fit.estimates[k], fit.deviations[k]
             row.append(f"{factor * value:.5g} ± {factor * error:.2g}" if np.isfinite(error) else "not determined")

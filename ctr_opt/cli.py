@@ -150,18 +150,22 @@ def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
 def calibrate(calibration: Path, report: Path | None, method: str) -> None:
     """Estimate a robot's parameters from a table of measured shapes, and print how well they are known."""
     from .calibration_files import load_calibration
-    from .calibration_report import LOSS_NAMES, write_report
+    from .calibration_report import LOSS_NAMES, hold_out_table, write_report
 
     given = load_calibration(calibration)
-    click.echo(f"{given.title}: {len(given.experiments)} experiments")
-    fits = {}
+    told = f", {len(given.held)} others held out" if given.held else ""
+    click.echo(f"{given.title}: {len(given.experiments)} experiments{told}")
+    fits, held = {}, {}
     for loss in given.losses:
         with _Progress(LOSS_NAMES[loss]) as progress:
             fits[loss] = given.problem(loss).solve(method=method, progress=progress)
         click.echo(fits[loss].report() + "\n")
+        if given.held:
+            held[loss] = fits[loss].tested(given.held)
+            click.echo("\n".join(hold_out_table(fits[loss], held[loss])) + "\n")
     if report is not None:
         nominal = given.problem(given.losses[0]).nominal()
-        click.echo(f"report written to {write_report(given, nominal, fits, report)}")
+        click.echo(f"report written to {write_report(given, nominal, fits, held, report)}")
 
 
 class _Progress:

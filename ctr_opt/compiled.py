@@ -163,11 +163,12 @@ class CompiledBatch:
         address, goal = numbers.ctypes.data, problem._goal
         done = problem.native.many(*case, start, chained, goal, address, size, failed.ctypes.data)
         seconds, tubes = (perf_counter() - begin) / max(done, 1), actuations.shape[1] // 2
+        cold, lost = numbers[:done, Native.COLD].tolist(), failed[:done].tolist()
         found: list[CompiledEquilibrium | None] = []
         for k, row in enumerate(actuations[:done]):
             actuation, loads = (row[:tubes], row[tubes:]), self._loads[first + k]
             each = CompiledEquilibrium(problem, actuation, loads, numbers[k], address + 8 * size * k, seconds)
-            found.append(None if failed[k] or problem.left(each) else each)
+            found.append(None if lost[k] or (cold[k] and problem.left(each)) else each)
         return found
 
 

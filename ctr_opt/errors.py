@@ -47,5 +47,9 @@ class MissingExtraError(CtrOptError, ImportError):
     """An optional dependency is not installed: the message names the extra that brings it."""
 
 
+class EstimationWarning(UserWarning):
+    """An estimation left something out of its answer: the message says what, and why."""
+
+
 class NestingWarning(UserWarning):
     """An inner tube is wider than the bore of the tube around it."""

@@ -265,6 +265,30 @@ class CheckSchema(Strict):
     tip_position = Quantity("m", 3, required=True)
 
 
+class ParameterSchema(Strict):
+    """An entry of ``parameters`` of a calibration that is more than a name: arguments of ``Parameter``, SI."""
+
+    name = _text(required=True)
+    prior = fields.Raw()
+    bounds = fields.Raw()
+    initial = fields.Raw()
+    tied = fields.List(fields.Str())
+
+
+class Unknown(fields.Field[Any]):
+    """A name, or a table with one."""
+
+    def _deserialize(self, value: Any, *_: Any, **__: Any) -> Any:
+        return value if isinstance(value, str) else ParameterSchema().load(value)
+
+
+class HoldOutSchema(Strict):
+    """``[hold_out]`` of a calibration: which share of the experiments, drawn at random, is predicted and not fitted."""
+
+    share = Quantity("1", required=True)
+    seed = fields.Int(required=True)
+
+
 class TruthSchema(Strict):
     """``[truth]`` of a calibration with synthetic data: what the data were made with."""
 
@@ -272,6 +296,7 @@ class TruthSchema(Strict):
     seed = fields.Int(required=True)
     outlier = fields.Int()
     rotation = Quantity("rad")
+    rows = fields.Int()
 
 
 class CalibrationSchema(Strict):
@@ -281,10 +306,12 @@ class CalibrationSchema(Strict):
     description = _text()
     robot = _text(required=True)
     experiments = _text(required=True)
-    parameters = fields.List(fields.Str(), required=True)
+    sensor = _text()
+    parameters = fields.List(Unknown(), required=True)
     losses = fields.List(fields.Str(), load_default=["squared"])
     source = fields.Nested(SourceSchema, required=True)
     sigma = fields.Nested(SigmaSchema, load_default={})
+    hold_out = fields.Nested(HoldOutSchema)
     checks = fields.List(fields.Nested(CheckSchema), load_default=[])
     truth = fields.Nested(TruthSchema)
 

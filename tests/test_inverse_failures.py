@@ -48,6 +48,9 @@ MESSAGES = {
     "mirrored pose": (lambda: Pose(None, mirrored()), ["pose", "no rotation"]),
     "pose of another row": (lambda: Pose(None, np.eye(4)[::-1]), ["pose"]),
     "pose of a scale": (lambda: Pose(None, np.diag([1.0, 1.0, 1.0, 2.0])), ["pose", "last row"]),
+    "sensor without a name": (lambda: Tangent(None, [0, 0, 1], sensor="my coil"), ["sensor = 'my coil'", "letters"]),
+    "a sensor at two places": (lambda: Position([0.1, None], np.zeros((2, 3)), sensor="coil"), ["'coil'", "one place"]),
+    "no such sensor": (lambda: problem(["sensors.coil.rotation"]), ["sensors.coil.rotation", "'coil'", "none"]),
     "pose of no tube": (lambda: Pose(None, np.eye(4), tube="inner"), ["tube", "'inner'"]),
     "axes of a tangent": (lambda: Tangent(None, [0, 0, 1], [0.1, 0.2]), ["sigma", "[0.1, 0.2]", "must be a number"]),
     "no direction": (lambda: Tangent(None, [0.0, 0.0, 0.0]), ["direction", "zero"]),
@@ -94,6 +97,10 @@ MESSAGES = {
     "tolerance": (lambda: problem(tolerance=0.0), ["tolerance", "0"]),
     "unknown method": (lambda: problem().solve(method="newton"), ["method", "'newton'", "'reduced'"]),
     "huber without sigma": (lambda: problem(data=with_points(DATA, sigma=None), loss="huber"), ["'huber'", "sigma"]),
+    "prior without sigma": (
+        lambda: problem(["base.translation", Parameter(EI, prior=(0.1, 0.01))], with_points(DATA, sigma=None)),
+        [EI, "prior", "sigma of every measurement"],
+    ),
     "some without sigma": (lambda: problem(data=[*DATA, *with_points(DATA, sigma=None)]), ["sigma", "all", "none"]),
     "torque of no tube": (lambda: problem(data=measured(Torque(2, 0.0, 1.0))), ["tube = 2", "0 to 1"]),
     "end of no tube": (lambda: problem(data=measured(Position(ctr.Distal(2), np.zeros(3)))), ["tube = 2", "0 to 1"]),
@@ -130,6 +137,8 @@ def test_no_equilibrium_to_start_from(method):
         ctr.EstimationError, match="the initial parameters have no equilibrium in experiment pushed away"
     ):
         problem(data=data).solve(method=method)
+    with pytest.raises(ctr.EstimationError, match="the initial parameters have no equilibrium in experiment pushed"):
+        problem(data=data).nominal()
 
 
 def test_experiments_that_are_not_there():
@@ -221,7 +230,7 @@ def test_figures(mixed):
     plt.close(figure)
     ax = plot_residuals(mixed)
     points_drawn = len(ax.lines[0].get_xdata())
-    assert points_drawn == 6 * 3 + 1  # points alone: a curvature of three numbers is none
+    assert points_drawn == 6 * 4 + 1  # points and poses alone: a curvature of three numbers is none
     plt.close(ax.figure)
 
 

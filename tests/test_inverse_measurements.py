@@ -79,7 +79,13 @@ def test_the_innermost_tube_of_each_experiment(compiled):
 
 def predicted(frame=None, position=(0.0, 0.0, 0.0), slopes=None):
     value = np.hstack((np.eye(3) if frame is None else frame, np.reshape(position, (3, 1))))
-    return Predicted(value, np.eye(6) if slopes is None else slopes)
+    return Predicted(value[None], np.eye(6)[None] if slopes is None else slopes[None])
+
+
+def compared(measurement, found):
+    """Of one experiment."""
+    values, slopes = measurement.compare([measurement], [found])
+    return values[0], slopes[0]
 
 
 @pytest.mark.parametrize("angle", [1e-9, 1e-5, 3e-4, 0.5, 2.0, 3.1])
@@ -91,11 +97,11 @@ def test_rotation_vectors_and_their_slopes(angle):
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = measured, [0.1, 0.2, 0.3]
     measurement = ctr.PoseMeasurement(None, pose, sigma=1.0)
-    value, slopes = measurement.compare([predicted(frame, [0.1, 0.2, 0.4])])
+    value, slopes = compared(measurement, predicted(frame, [0.1, 0.2, 0.4]))
     np.testing.assert_allclose(value[0], [0.0, 0.0, 0.1, *(angle * axis)], rtol=0.0, atol=1e-14)
     for k, turn in enumerate(1e-5 * np.eye(3)):
         after, before = (
-            measurement.compare([predicted(Rotation.from_rotvec(sign * turn).as_matrix() @ frame)])[0][0, 3:]
+            compared(measurement, predicted(Rotation.from_rotvec(sign * turn).as_matrix() @ frame))[0][0, 3:]
             for sign in (1, -1)
         )
         np.testing.assert_allclose(slopes[0][3:, 3 + k], (after - before) / 2e-5, rtol=0.0, atol=1e-8)
@@ -110,11 +116,11 @@ def test_tangents_and_their_slopes(angle):
     aligned = Rotation.align_vectors(measured[None], [[0.0, 0.0, 1.0]])[0]
     frame = (Rotation.from_rotvec(angle * axis) * aligned).as_matrix()
     measurement = ctr.TangentMeasurement(None, 3.0 * measured, sigma=0.1)
-    value, slopes = measurement.compare([predicted(frame)])
+    value, slopes = compared(measurement, predicted(frame))
     np.testing.assert_allclose(np.linalg.norm(value), angle, rtol=1e-9, atol=1e-15)
     for k, turn in enumerate(1e-5 * np.eye(3)):
         after, before = (
-            measurement.compare([predicted(Rotation.from_rotvec(sign * turn).as_matrix() @ frame)])[0][0]
+            compared(measurement, predicted(Rotation.from_rotvec(sign * turn).as_matrix() @ frame))[0][0]
             for sign in (1, -1)
         )
         np.testing.assert_allclose(slopes[0][:, 3 + k], (after - before) / 2e-5, rtol=1e-7, atol=1e-8)
@@ -123,7 +129,7 @@ def test_tangents_and_their_slopes(angle):
 
 
 def test_the_opposite_tangent_is_half_a_turn_away():
-    value, slopes = ctr.TangentMeasurement(None, [0.0, 0.0, -1.0], sigma=0.1).compare([predicted()])
+    value, slopes = compared(ctr.TangentMeasurement(None, [0.0, 0.0, -1.0], sigma=0.1), predicted())
     np.testing.assert_allclose(np.linalg.norm(value), np.pi, rtol=1e-12)
     assert np.isfinite(slopes).all()
 

@@ -199,7 +199,7 @@ def test_slopes_are_differences(many):
     names = [*NAMES, "tubes[0].translation_offset"]
     for compiled in (True, False):
         fit = ctr.CalibrationProblem(robot, data[:2], names, tolerance=1e-9, compiled=compiled).nominal()
-        made, x, states = fit.estimation, fit.estimation.unknowns.initial, fit._found.states
+        made, x, states = fit.estimation, fit.estimation.unknowns.initial, fit.found.states
         (here, _) = made.linearize(x, states)
         both = np.hstack((here.misfit_x * made.unknowns.scale[here.own], here.misfit_z * made.units[0], here.misfit_s))
         size = np.concatenate((made.unknowns.scale[here.own], made.units[0], np.ones(6)))
@@ -224,7 +224,7 @@ def test_leaving_out_and_holding_out(many):
     np.testing.assert_allclose(fit.influence[1], change @ np.linalg.solve(fit.covariance, change) / 2.0, rtol=0.3)
     held = fit.errors_without(1)
     assert [each.experiment for each in held] == [1] * 6
-    shape = solve(other.robot, *fit.estimation.unknowns.experiment_at(other._found.x, 1), 1e-11)
+    shape = solve(other.robot, *fit.estimation.unknowns.experiment_at(other.found.x, 1), 1e-11)
     for each, point in zip(held, data[1].measurements[0].position, strict=True):
         s = np.linspace(-1e-5, 1e-5, 3) + each.arc_length  # a foot of the perpendicular
         near = np.linalg.norm(shape.position(s) - point, axis=1)

@@ -1,5 +1,7 @@
 """What a fit says of its own errors, against repetitions; what data do not determine; influence and profiles."""
 
+import re
+
 import attrs
 import numpy as np
 import pytest
@@ -7,6 +9,8 @@ from estimated import NOISE, experiments, flat, off_by, points, small_robot, sol
 from scipy.stats import chi2
 
 import ctr_opt as ctr
+from ctr_opt.inverse import refits
+from ctr_opt.inverse.estimation import Estimation
 from ctr_opt.robot.replacing import robot_with
 
 SIGMA = NOISE["position"]
@@ -129,6 +133,8 @@ def test_unloaded_shapes_tell_ratios_of_stiffnesses(method):
         seen = shape.position(ends) + 0.05e-3 * rng.normal(size=(2, 3))
         data.append(ctr.Experiment(each.actuation, [], [ctr.PositionMeasurement(places, seen, sigma=0.05e-3)]))
     fit = fitted(plan.robot, data, names, method=method)
+    assert fit.method == method
+    assert fit.iterations < 30  # it stops where the objective stands still, and does not go along the open direction
     assert [str(each) for each in fit.undetermined] == ["EI_0 : EI_1 : GJ_0 : GJ_1 may be scaled together"]
     assert np.isnan(flat(fit.values)).all()
     assert np.isinf(flat(fit.standard_errors)).all()
@@ -175,6 +181,37 @@ def test_parameters_that_do_not_act(robot):
     assert fit.ratios == {}
 
 
+def test_vague_is_not_undetermined(robot, exact):
+    """Twelve points measured to 1 m and to 3 m place a base of 0.24 m to 1.2 and to 3.6 times its size."""
+    fit = fitted(robot, noisy(exact, 2, 1.0), ["base.translation"])
+    scale, errors = fit.estimation.unknowns.scale, fit.deviations
+    assert (errors / scale > 1.0).all()
+    assert (errors / scale < 3.0).all()
+    assert fit.undetermined == []
+    assert fit.vague == fit.labels
+    assert np.isfinite(fit.estimates).all()
+    assert "Known only vaguely, to no better than their size: base.translation.x, base.translation.y" in fit.report()
+    worse = fitted(robot, noisy(exact, 2, 3.0), ["base.translation"])
+    assert len(worse.undetermined) == 3
+    assert worse.vague == []
+    assert np.isnan(worse.estimates).all()
+    assert "vaguely" not in worse.report()
+
+
+def test_what_is_open_of_experiments_is_no_obstacle_to_a_robot(robot, exact):
+    """A force at the entry bends nothing; of the robot everything is known. Not so where its own parts take part."""
+    held = attrs.evolve(exact[1], loads=[*exact[1].loads, ctr.PointWrench([0.1, 0.0, 0.0], arc_length=0.0)])
+    names = ["base.translation", "experiments[1].loads[1].force"]
+    fit = fitted(robot, noisy([exact[0], held, *exact[2:]], 1), names)
+    assert len(fit.undetermined) == 3
+    np.testing.assert_allclose(fit.robot.base_pose[:3, 3] - robot.base_pose[:3, 3], fit.values["base.translation"])
+    rolled = ["base.rotation", "tubes[0].rotation_offset", "tubes[1].rotation_offset", names[1]]
+    open_base = fitted(robot, [exact[0], held, *exact[2:]], rolled)
+    with pytest.raises(ctr.EstimationError, match=r"the data do not determine the robot: .*base\.rotation\.z") as error:
+        _ = open_base.robot
+    assert "loads" not in str(error.value)
+
+
 def test_nothing_left_over_is_no_noise_level(robot, exact):
     """Three numbers from three: no chi-square; with a noise level given the errors are the measurement's own."""
     tip = ctr.PositionMeasurement(None, solve(robot, exact[0].actuation).tip_position + 1e-3, sigma=SIGMA)
@@ -209,6 +246,17 @@ def test_an_outlier_is_found(robot, spoilt, loss):
         assert fit.influence[7] > 1.0 / 3.0
         assert not fit.noise_accepted
         assert fit.without(7).noise_accepted
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, None])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_computed_data_have_no_outliers(robot, seed, sigma):
+    """Only rounding errors and the solves' tolerance are left of them; a micrometre is an outlier among them."""
+    data = with_points(experiments(robot, 6, seed, noise=False, size=1.0), sigma=sigma)
+    for tolerance in (1e-6, 1e-9):
+        assert ctr.CalibrationProblem(robot, data, NAMES, tolerance=tolerance, compiled=True).solve().outliers == []
+    off = with_points(data, lambda position, k: position + (1e-6 if k == 2 else 0.0), sigma)
+    assert fitted(robot, off).outliers == [2]
 
 
 def test_without_is_a_fit_to_the_others(robot, spoilt):
@@ -273,6 +321,82 @@ def test_bootstrap_spreads_like_the_errors(robot):
     assert (ratio > 0.33).all()
     assert (ratio < 2.0).all()
     np.testing.assert_array_equal(fit.bootstrap(2, seed=1), drawn[:2])
+
+
+def rods(loaded, count=6):
+    """Experiments on one rod, whose free shapes tell nothing of its stiffness; the first are loaded."""
+    rod = small_robot(1)
+    data = experiments(rod, count, 4, noise=False, loaded=False)
+    for k in range(loaded):
+        loads = [ctr.PointWrench([0.3, -0.2, 0.1])]
+        shape = solve(rod, data[k].actuation, loads)
+        data[k] = attrs.evolve(data[k], loads=loads, measurements=points(shape))
+    return rod, noisy(data, 3)
+
+
+def test_bootstraps_tell_which_repetitions_they_leave_out():
+    """Of six experiments three are loaded: a draw has none with a probability of 1/64, two in three with one of six."""
+    name = STIFFNESSES[0]
+    fit = fitted(*rods(loaded=3), [name])
+    with pytest.warns(ctr.EstimationWarning, match=r"bootstrap: \d of 60 repetitions have no answer; the first: "
+                      rf"repetition \d+ does not determine {re.escape(name)}. They are left out"):  # fmt: skip
+        drawn = fit.bootstrap(60, seed=2)
+    assert 57 <= len(drawn) < 60
+    assert np.isfinite(drawn).all()
+    with pytest.raises(ctr.EstimationError, match=r"of 20 repetitions have no answer; .*no fair sample: add"):
+        fitted(*rods(loaded=1), [name]).bootstrap(20, seed=2)
+
+
+def test_bootstraps_of_what_is_not_determined():
+    """Stays not a number, and is no reason to leave a repetition out."""
+    drawn = fitted(*rods(loaded=0), [STIFFNESSES[0], "base.translation"]).bootstrap(3)
+    assert np.isnan(drawn[:, 0]).all()
+    assert np.isfinite(drawn[:, 1:]).all()
+
+
+def test_refits_without_an_answer_are_errors(robot, exact, monkeypatch):
+    """Where no equilibrium is found any more, the repetition or the experiments are named, and what to do."""
+
+    def fails(*_, **__):
+        raise ctr.SolveError("experiment 4: lost")
+
+    fit = fitted(robot, noisy(exact, 1))
+    error = float(fit.deviations[0])
+    assert len(fit.equilibria) == 6
+    with monkeypatch.context() as patched:
+        patched.setattr(Estimation, "equilibria", fails)
+        for call in (fit.without, fit.errors_without):
+            with pytest.raises(ctr.EstimationError, match="the fit without experiments 1, 2 found no answer") as caught:
+                call([1, 2])
+            assert "no equilibrium in experiment 4: lost. Try priors or bounds" in str(caught.value)
+        with pytest.raises(ctr.EstimationError, match=r"bootstrap: 3 of 3 .* the first: repetition 0 found no answer"):
+            fit.bootstrap(3)
+        start = fit.found.x[0] - 3.0 * error
+        with pytest.raises(ctr.EstimationError, match=rf"the profile at {re.escape(NAMES[0])} = {start:g} found no"):
+            fit.profile(NAMES[0])
+        patched.setattr(refits, "without", lambda fit, experiments: fit)
+        with pytest.raises(ctr.EstimationError, match="the estimates without experiment 2 have no equilibrium in exp"):
+            fit.errors_without(2)
+
+
+def test_refits_of_what_does_not_act_are_errors():
+    """The one experiment under gravity left out, a density means nothing."""
+    rod = ctr.Robot([attrs.evolve(small_robot(1).tubes[0], density=8e3)])
+    held = ctr.Actuation([0.0], [-0.1])
+    data = [ctr.Experiment(held, k, points(solve(rod, held, k))) for k in ([ctr.Gravity([0.0, -9.81, 0.0])], [])]
+    fit = fitted(rod, data, ["tubes[0].density"])
+    with pytest.raises(ctr.EstimationError, match=r"the fit without experiment 0 is none: .* there is no Gravity"):
+        fit.without(0)
+
+
+def test_refits_that_do_not_converge_are_errors(robot, exact, monkeypatch):
+    fit = fitted(robot, noisy(exact, 1))
+    ended = attrs.evolve(fit.found, converged=False, message="no more steps", iterations=200)
+    monkeypatch.setattr(refits, "solve_reduced", lambda *_, **__: ended)
+    with pytest.raises(
+        ctr.EstimationError, match="the fit without experiment 1 found no answer after 200 iterations: no"
+    ):
+        fit.without(1)
 
 
 def test_experiments_with_parameters_of_their_own_stay(robot, exact):

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from ..errors import EstimationError, SolveError
+from ..equilibrium import Equilibrium
+from ..errors import DefinitionError, EstimationError
 from ..robot.checks import choice, flag, number
 from ..robot.robot import Robot
 from .estimation import Estimation, Progress
@@ -14,6 +15,7 @@ from .experiment import Experiment
 from .fit import Fit
 from .parameters import Parameter
 from .reduced import Found, solve_reduced
+from .sensors import names_of
 from .simultaneous import solve_simultaneous
 
 METHODS: dict[str, Callable[..., Found]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
@@ -80,6 +82,16 @@ class CalibrationProblem:
         accepted = number(tolerance, "tolerance", least=1e-11, most=1e-2)
         wanted = compiled if compiled is None else flag(compiled, "compiled")
         self._estimation = Estimation(robot, experiments, self.parameters, loss, accepted, wanted)
+        self._check_sensors()
+
+    def _check_sensors(self) -> None:
+        """Refuse poses of sensors that nothing was measured with."""
+        there = names_of([request for each in self.experiments for request in each.requests])
+        for entry in self._estimation.unknowns.entries:
+            name = entry.acts_on[0].split(".")[1] if entry.acts_on[0].startswith("sensors.") else None
+            if name is not None and name not in there:
+                known = ", ".join(map(repr, there)) or "none"
+                raise DefinitionError(f"{entry.name!r}: no measurement is of a sensor {name!r}; there are: {known}")
 
     @property
     def robot(self) -> Robot:
@@ -110,11 +122,7 @@ class CalibrationProblem:
         """
         estimation = self._estimation
         way = METHODS[choice(method, "method", tuple(METHODS))]
-        try:
-            equilibria = estimation.equilibria(estimation.unknowns.initial, progress=progress)
-        except SolveError as error:
-            raise EstimationError(f"the initial parameters have no equilibrium in {error}") from error
-        estimation.prepare(equilibria)
+        equilibria = self._prepared(progress)
         found = way(estimation, equilibria, progress)
         if not found.converged and way is solve_simultaneous:  # as where the data say nothing of some direction
             second = solve_reduced(estimation, equilibria, progress)
@@ -125,11 +133,23 @@ class CalibrationProblem:
         return Fit(estimation, found, method)
 
     def nominal(self) -> Fit:
-        """The initial parameters beside the measurements, as if they had been found: their residuals."""
-        estimation = self._estimation
-        initial = estimation.unknowns.initial
-        states = estimation.states(initial, estimation.equilibria(initial))
-        return Fit(estimation, Found(initial, states, True, "nominal", 0), "nominal")
+        """The initial parameters beside the measurements, as if they had been found: their residuals.
+
+        Raises
+        ------
+        EstimationError
+            They have no equilibrium in some experiment.
+        """
+        initial = self._estimation.unknowns.initial
+        states = self._estimation.states(initial, self._prepared())
+        return Fit(self._estimation, Found(initial, states, True, "nominal", 0), "nominal")
+
+    def _prepared(self, progress: Progress | None = None) -> list[Equilibrium]:
+        """The equilibria that the estimation starts from, its models built."""
+        initial = self._estimation.unknowns.initial
+        equilibria = self._estimation.equilibria_of(initial, "the initial parameters", progress)
+        self._estimation.prepare(equilibria)
+        return equilibria
 
 
 def _failure(estimation: Estimation, found: Found, method: str) -> str:

@@ -7,9 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..robot.checks import Array
-from .measurements import BackboneMeasurement, Measurement, PositionMeasurement, Predicted
-
-_POINTS = (PositionMeasurement, BackboneMeasurement)
+from .measurements import BackboneMeasurement, Measurement, Predicted
 
 
 class Comparison:
@@ -59,22 +57,9 @@ class _Column:
         self.numbers = int(np.prod(measurements[0].shape))
         self.somewhere = isinstance(measurements[0], BackboneMeasurement)
         self._whitener = np.array([whitener(each) for each in measurements])
-        self._positions = (
-            np.array([each.position for each in measurements if isinstance(each, _POINTS)])
-            if all(isinstance(each, _POINTS) for each in measurements)
-            else None
-        )
 
     def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
-        if self._positions is not None:  # by far the most, so all at once
-            values = np.stack([each.value[:, :3, 3] for each in found], axis=1) - self._positions
-            rates = np.stack([each.slopes[:, :3] for each in found], axis=1)
-        else:
-            own = [
-                each.compare([Predicted(one.value[e], one.slopes[e]) for one in found])
-                for e, each in enumerate(self.measurements)
-            ]
-            values, rates = np.array([value for value, _ in own]), np.array([rate for _, rate in own])
+        values, rates = self.measurements[0].compare(self.measurements, found)
         count = len(values)
         misfit = np.matmul(self._whitener, values[..., None])[..., 0]
         return misfit.reshape(count, -1), np.matmul(self._whitener, rates).reshape(count, -1, rates.shape[-1])

@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import EstimationError
+from ..mechanics.sections import SAME_POINT
 from ..predictions import Predictions, Probe, supported
 from ..robot.actuation import Actuation
 from ..robot.checks import Array
@@ -19,6 +21,7 @@ from .measurements import Distal, Predicted, Request, Somewhere
 
 _KINDS = ("pose", "torque")
 _SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
+_APART = 10.0 * SAME_POINT  # of the longest tube
 
 
 def compilable(
@@ -75,6 +78,8 @@ class CompiledModel:
         model = self._model(robot, experiments, s)
         told = model.at(z)
         if told.failed.any():
+            told = model.moved(robot, _parted(robot, experiments, np.flatnonzero(told.failed))).at(z)
+        if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
         slopes, rates = told.slopes, told.rates
@@ -100,8 +105,8 @@ class CompiledModel:
         lengths = [tube.length for tube in robot.tubes]
         longest = [int(np.argmax(lengths + actuation.translations)) for actuation, _ in experiments]
         if self._kept is not None and self._fixed and self._kept[0] == longest:
-            joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
-            return self._kept[1].moved(robot, joints, {k: s[:, j] for j, k in enumerate(self._somewhere)})
+            places = {k: s[:, j] for j, k in enumerate(self._somewhere)}
+            return self._kept[1].moved(robot, _joints(experiments), places)
         probes = [
             _probes(own, tube, places) for own, tube, places in zip(self._requests, longest, s.tolist(), strict=True)
         ]
@@ -112,6 +117,20 @@ class CompiledModel:
     def _somewhere(self) -> list[int]:
         """The probes that are somewhere."""
         return [k for k, request in enumerate(self._requests[0]) if isinstance(request.place, Somewhere)]
+
+
+def _joints(experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Array:
+    return np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
+
+
+def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], those: NDArray[np.intp]) -> Array:
+    """Joints with the tubes of ``those`` experiments drawn back a little, each by more than the one inside it.
+
+    Where break points coincide, derivatives by translations have two sides: this chooses one.
+    """
+    joints, tubes = _joints(experiments), len(robot.tubes)
+    joints[those, tubes:] -= _APART * max(tube.length for tube in robot.tubes) * np.arange(1, tubes + 1)
+    return joints
 
 
 def _probes(requests: Sequence[Request], longest: int, s: list[float]) -> list[Probe]:

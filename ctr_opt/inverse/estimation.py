@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..equilibrium import Equilibrium
-from ..errors import DefinitionError, SolveError
+from ..errors import DefinitionError, EstimationError, SolveError
 from ..forward import ForwardProblem
 from ..mechanics.sections import Configuration
 from ..robot.checks import Array, choice
@@ -31,6 +31,7 @@ from .measurements import Measurement, Predicted, Somewhere, arc_length_of
 from .model import GroupModel, structure
 from .parameters import Parameter, Unknowns
 from .places import Orders, free, moved, nearest, orders
+from .sensors import names_of, sensed
 
 Progress = Callable[[str, int, int], None]
 """Called with what is done, how far it is, and how much there is."""
@@ -109,6 +110,7 @@ class Group:
     """Experiments that one model serves; ``mixing (E, numbers, own)``: what acts on each by unknowns ``own (E, j)``.
 
     ``ends (E, tubes)``: the tubes' at the initial values; ``ends_x (E, tubes, own)``: their slopes, which are constant.
+    ``mounting (E, 6 k, own)``: the same of the poses of the ``sensors`` on tubes, which act on predictions alone.
     In the virtual machine ``start (E, k)`` are all numbers at the initial values; ``symbolic.active`` of them move.
     """
 
@@ -117,6 +119,8 @@ class Group:
     mixing: Array
     ends: Array
     ends_x: Array
+    mounting: Array
+    sensors: tuple[str, ...]
     unit: Array
     comparison: Comparison
     compiled: CompiledModel | None = None
@@ -149,6 +153,9 @@ class Estimation:
         self.scaled = scaled == {True}
         if not self.scaled and loss in ("huber", "cauchy"):
             raise DefinitionError(f"loss = {loss!r} needs the sigma of every measurement, to tell what is an outlier")
+        known = [entry.name for entry in self.unknowns.entries if np.isfinite(entry.prior_sigma).any()]
+        if not self.scaled and known:
+            raise DefinitionError(f"{known[0]}: a prior needs the sigma of every measurement, to be weighed with them")
         self.layouts = self._layouts()
         self.losses = {size: Loss(self.loss, size) for size in {b[1] for each in self.layouts for b in each.blocks}}
         self.models: list[Group] = []
@@ -232,6 +239,13 @@ class Estimation:
                 progress("equilibria", k + 1, len(self.experiments))
         return found
 
+    def equilibria_of(self, x: Array, whose: str, progress: Progress | None = None) -> list[Equilibrium]:
+        """The same, each from nothing; where there is none, ``EstimationError`` says ``whose`` values these are."""
+        try:
+            return self.equilibria(x, progress=progress)
+        except SolveError as error:
+            raise EstimationError(f"{whose} have no equilibrium in {error}") from error
+
     def states(self, x: Array, equilibria: Sequence[Equilibrium]) -> list[Array]:
         """States of equilibria at some values, points where they fit best."""
         self.prepare(equilibria)
@@ -300,10 +314,14 @@ class Estimation:
             configuration = Configuration(self.robot, equilibria[first].actuation, each.loads)
             sizes = self.unknowns.sizes(names, first)
             rows = [_rows(self.unknowns.acting(k), sizes, self.unknowns.size) for k in members]
-            own = np.array([np.flatnonzero(row.any(axis=0)) for row in rows])
+            sensors = names_of(each.requests)
+            mounted = self.unknowns.of_sensors(sensors)
+            own = np.array([np.flatnonzero(row.any(axis=0) | mounted.any(axis=0)) for row in rows])
             mixing = np.array([row[:, those] for row, those in zip(rows, own, strict=True)])
+            mounting = np.array([mounted[:, those] for those in own])
             unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
             parts: dict[str, Any] = {"members": members, "own": own, "mixing": mixing, "unit": unit}
+            parts |= {"mounting": mounting, "sensors": sensors}
             parts |= {"ends": self._ends(members), "ends_x": _ends_x(mixing, sizes, len(self.robot.tubes))}
             parts["comparison"] = Comparison([self.experiments[k].measurements for k in members], self.whitener)
             if compilable(self.robot, each.loads, each.requests, names, self.compiled):
@@ -353,9 +371,15 @@ class Estimation:
             places = state[:, n:]
             length, length_x = self._length(group, x)
             residuals, predictions, slopes = self._evaluate(group, x, state[:, :n], places * length[:, None])
+            numbers = slopes.shape[-1]
+            if group.sensors:
+                mountings = {name: self.unknowns.mounting(name, x) for name in group.sensors}
+                requests = self.experiments[group.members[0]].requests
+                predictions = sensed(requests, predictions, mountings)
             misfit, rates = group.comparison.compare(predictions)
             along = group.comparison.along(predictions)
-            misfit_x = rates[..., n:] @ group.mixing + (along @ places[..., None]) * length_x[:, None]
+            misfit_x = rates[..., n:numbers] @ group.mixing + rates[..., numbers:] @ group.mounting
+            misfit_x = misfit_x + (along @ places[..., None]) * length_x[:, None]
             parts = (slopes[..., n:] @ group.mixing, misfit, rates[..., :n], misfit_x, along * length[:, None, None])
             found.append(Linearized(residuals, slopes[..., :n], *parts, group.own, places))
         return found

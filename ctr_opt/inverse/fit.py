@@ -10,13 +10,14 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DefinitionError, EstimationError
+from ..errors import EstimationError
 from ..robot.checks import Array
 from ..robot.robot import Robot
 from .estimation import Estimation, Linearized
 from .measurements import Somewhere, arc_length_of
-from .reduced import Found, solve_reduced
+from .reduced import Found
 from .uncertainty import (
+    VAGUE,
     Determined,
     Direction,
     Information,
@@ -33,8 +34,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..equilibrium import Equilibrium
+    from .experiment import Experiment
 
 REJECTED = 1e-3  # probability of the residuals' chi-square below which the given noise level is not believed
+_EXACT = 1e-5  # of the noise level (of 1 mm, 1 mrad, ... where none was given): computed data leave such residuals
 _OUTLIER = 0.01  # probability, over all experiments, that good data have one flagged
 
 
@@ -57,6 +60,16 @@ class Residual:
         """Norm; of a position its distance, m."""
         return float(np.linalg.norm(self.value))
 
+    @property
+    def distance(self) -> float:
+        """Of a position or pose how far the points are apart, m."""
+        return float(np.linalg.norm(self.value[:3]))
+
+    @property
+    def angle(self) -> float:
+        """Of a tangent or pose how far the axes or frames are turned, rad."""
+        return float(np.linalg.norm(self.value[-3:]))
+
 
 class Fit:
     """The result of a :class:`~ctr_opt.CalibrationProblem`.
@@ -69,11 +82,13 @@ class Fit:
         A name for each number: the rows and columns of :attr:`covariance`.
     method, iterations, objective
         How it was found; the loss reached, priors included.
+    found
+        Where the solve ended, undetermined numbers and base moments as they stood.
     """
 
     def __init__(self, estimation: Estimation, found: Found, method: str) -> None:
         self._estimation = estimation
-        self._found = found
+        self.found = found
         self.method = method
         self.names = [entry.name for entry in estimation.unknowns.entries]
         self.labels = estimation.unknowns.labels
@@ -90,7 +105,7 @@ class Fit:
     @cached_property
     def estimates(self) -> Array:
         """The estimates in the order of :attr:`labels`; not a number where the data do not determine them."""
-        return np.where(self._open, np.nan, self._found.x)
+        return np.where(self._open, np.nan, self.found.x)
 
     @cached_property
     def deviations(self) -> Array:
@@ -134,13 +149,19 @@ class Fit:
     def undetermined(self) -> list[Direction]:
         """Directions that the data do not determine, in words; empty if they determine everything."""
         unknowns = self._estimation.unknowns
-        return directions(self._determined, self.labels, self._found.x, unknowns.scale)
+        return directions(self._determined, self.labels, self.found.x, unknowns.scale)
+
+    @property
+    def vague(self) -> list[str]:
+        """Labels of numbers that are determined, but to no better than their own size."""
+        relative = self.deviations / self._estimation.unknowns.scale
+        return [label for label, each in zip(self.labels, relative, strict=True) if VAGUE < each < np.inf]
 
     @cached_property
     def ratios(self) -> dict[str, tuple[float, float]]:
         """Where parameters may be scaled together only: their ratios to the first of them, with standard errors."""
         found: dict[str, tuple[float, float]] = {}
-        x = self._found.x
+        x = self.found.x
         for direction in self.undetermined:
             names = list(direction.parts)
             those = [self.labels.index(name) for name in names]
@@ -161,31 +182,34 @@ class Fit:
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot with the estimated parameters.
+        """The robot with the estimated parameters; sensors on it are no part of it.
 
         Raises
         ------
         EstimationError
-            The data do not determine them.
+            The data do not determine them; what they leave open of single experiments and offsets is no obstacle.
         """
-        if self.undetermined:
+        unknowns = self._estimation.unknowns
+        own = {label for entry in unknowns.entries if entry.of_robot for label in entry.labels}
+        open_ones = [str(each) for each in self.undetermined if own & set(each.parts)]
+        if open_ones:
             raise EstimationError(
-                f"the data do not determine the robot: {'; '.join(map(str, self.undetermined))}. Add measurements "
+                f"the data do not determine the robot: {'; '.join(open_ones)}. Add measurements "
                 "under load, priors, or estimate fewer parameters"
             )
-        return self._estimation.unknowns.robot_at(self._found.x)
+        return unknowns.robot_at(self.found.x)
 
     @cached_property
     def equilibria(self) -> list[Equilibrium]:
         """The experiments' equilibria with the estimated parameters."""
-        return self._estimation.equilibria(self._found.x)
+        return self._estimation.equilibria_of(self.found.x, "the estimates")
 
     # -- residuals ---------------------------------------------------------------------------------------------------
 
     @cached_property
     def residuals(self) -> list[Residual]:
         """Every block's misfit, predicted minus measured, by experiment."""
-        unknowns, x = self._estimation.unknowns, self._found.x
+        unknowns, x = self._estimation.unknowns, self.found.x
         lengths = np.array([tube.length for tube in unknowns.robot_at(x).tubes])
         found = []
         for k, (experiment, each) in enumerate(zip(self._estimation.experiments, self._linearized, strict=True)):
@@ -205,9 +229,9 @@ class Fit:
     def chi_squared(self) -> float:
         """Sum of the squared residuals over the given noise's variances, and of the deviations from priors over theirs.
 
-        Where no noise level was given, of the residuals alone, in mm, mrad and so on.
+        Where no noise level was given, in mm, mrad and so on.
         """
-        priors = 2.0 * self._estimation.prior_cost(self._found.x) if self._estimation.scaled else 0.0
+        priors = 2.0 * self._estimation.prior_cost(self.found.x)
         return float(sum(each.misfit @ each.misfit for each in self._linearized)) + priors
 
     @property
@@ -216,9 +240,7 @@ class Fit:
 
         An arc length that the entry point, the tip or another point's bounds is none that was estimated.
         """
-        numbers = int(self._numbers.sum())
-        if self._estimation.scaled:
-            numbers += int(np.isfinite(self._estimation.unknowns.prior[1]).sum())
+        numbers = int(self._numbers.sum()) + int(np.isfinite(self._estimation.unknowns.prior[1]).sum())
         return int(max(numbers - self._determined.known.shape[1], 0))
 
     @cached_property
@@ -273,14 +295,14 @@ class Fit:
     def outliers(self) -> list[int]:
         """Experiments whose residuals are too large for the others, by their numbers.
 
-        The sum of squares of an experiment against chi-square, with a noise level from the median experiment; flagged
-        so seldom that good data have one in a hundred fits.
+        The sum of squares of an experiment against chi-square, with a noise level from the median experiment, but none
+        below what the solves' accuracy leaves; flagged so seldom that good data have one in a hundred fits.
         """
         from scipy.stats import chi2
 
         squares = np.array([each.misfit @ each.misfit for each in self._linearized])
         sizes = np.maximum(self._numbers, 1)
-        level = np.median(squares / chi2.median(sizes))
+        level = np.maximum(np.median(squares / chi2.median(sizes)), self._inaccuracies**2)
         probabilities = chi2.sf(squares / level, sizes)
         return [int(k) for k in np.flatnonzero(probabilities < _OUTLIER / len(sizes))]
 
@@ -299,69 +321,66 @@ class Fit:
         tuple
             Values ``(count,)`` and excess loss ``(count,)``; for normal errors half the squared distance in standard
             errors where the problem is linear.
+
+        Raises
+        ------
+        EstimationError
+            The data do not determine the number, or with some value no answer was found.
         """
-        if label not in self.labels:
-            raise DefinitionError(f"label = {label!r} must be one of {', '.join(self.labels)}")
-        k = self.labels.index(label)
-        error = float(self.deviations[k])
-        if not np.isfinite(error):
-            raise EstimationError(f"{label} is not determined, so that it has no profile")
-        lower, upper = (bound[k] for bound in self._estimation.unknowns.bounds)
-        x = self._found.x[k]
-        values = np.linspace(max(x - width * error, lower), min(x + width * error, upper), count)
-        costs = []
-        for value in values:
-            x = self._found.x.copy()
-            x[k] = value
-            found = solve_reduced(self._estimation, self.equilibria, start=x, fixed=[k])
-            linearized = self._estimation.linearize(found.x, found.states)
-            costs.append(self._estimation.cost(linearized) + self._estimation.prior_cost(found.x) - self.objective)
-        return values, np.array(costs)
+        from .refits import profile
+
+        return profile(self, label, count, width)
 
     def without(self, experiments: Sequence[int] | int) -> Fit:
-        """The fit to the other experiments, from here: leave one out, or a block, to hold it out."""
-        dropped = self._numbered(experiments)
-        kept = [k for k in range(len(self._estimation.experiments)) if k not in dropped]
-        return self._again(kept)
+        """The fit to the other experiments, from here: leave one out, or a block, to hold it out.
 
-    def _numbered(self, experiments: Sequence[int] | int) -> list[int]:
-        """The numbers of experiments that there are."""
-        count = len(self._estimation.experiments)
-        given = [experiments] if np.ndim(experiments) == 0 else list(experiments)  # type: ignore[arg-type]
-        for k in given:
-            if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not 0 <= k < count:
-                raise DefinitionError(f"experiments: {k!r} must be the number of an experiment from 0 to {count - 1}")
-        return [int(k) for k in given]  # type: ignore[arg-type]
+        Raises
+        ------
+        EstimationError
+            It found no answer.
+        """
+        from .refits import without
+
+        return without(self, experiments)
 
     def errors_without(self, experiments: Sequence[int] | int) -> list[Residual]:
-        """The residuals of experiments that a fit to the others predicts: a hold-out."""
-        numbers = self._numbered(experiments)
-        other = self.without(numbers)
-        held = [self._estimation.experiments[k] for k in numbers]
-        tested = self._estimation.of(held)
-        states = tested.states(other._found.x, tested.equilibria(other._found.x))
-        shown = Fit(tested, attrs.evolve(other._found, states=states), self.method)
-        return [attrs.evolve(each, experiment=numbers[each.experiment]) for each in shown.residuals]
+        """The residuals of experiments that a fit to the others predicts: a hold-out.
+
+        Raises
+        ------
+        EstimationError
+            The fit found no answer, or the experiments have no equilibrium with its estimates.
+        """
+        from .refits import errors_without
+
+        return errors_without(self, experiments)
+
+    def tested(self, experiments: Sequence[Experiment]) -> Fit:
+        """The same estimates beside other experiments, as if they had been found from these: their residuals.
+
+        Raises
+        ------
+        EstimationError
+            The experiments have no equilibrium with the estimates.
+        """
+        from .refits import tested
+
+        return tested(self, experiments, "the estimates")
 
     def bootstrap(self, repetitions: int = 200, *, seed: int = 0) -> Array:
-        """Estimates from experiments drawn again with replacement, ``(repetitions, len(labels))``."""
-        rng = np.random.default_rng(seed)
-        count = len(self._estimation.experiments)
-        return np.array([self._again(rng.integers(count, size=count))._found.x for _ in range(repetitions)])
+        """Estimates from experiments drawn again with replacement, ``(repetitions, len(labels))``.
 
-    def _again(self, chosen: Any) -> Fit:
-        """A fit to a choice of experiments, from here."""
-        chosen = [int(k) for k in chosen]
-        own = [entry for entry in self._estimation.unknowns.entries if entry.experiment is not None]
-        if own:
-            raise EstimationError(
-                f"{own[0].name} belongs to one experiment, so that none can be left out or drawn again"
-            )
-        if not chosen:
-            raise DefinitionError("experiments: at least one must be left")
-        drawn = self._estimation.of([self._estimation.experiments[k] for k in chosen])
-        found = solve_reduced(drawn, [self.equilibria[k] for k in chosen], start=self._found.x)
-        return Fit(drawn, found, "reduced")
+        Repetitions that find no answer, or do not determine what all experiments do, are left out, so that there are
+        fewer rows, with an :class:`~ctr_opt.EstimationWarning`. Not a number where the data do not determine it.
+
+        Raises
+        ------
+        EstimationError
+            More than one repetition in twenty is of that kind: without them the others are no fair sample.
+        """
+        from .refits import bootstrap
+
+        return bootstrap(self, repetitions, seed)
 
     # -- for people ------------------------------------------------------------------------------------------------
 
@@ -392,7 +411,15 @@ class Fit:
     def _linearized(self) -> list[Linearized]:
         if not self._estimation.prepared:
             self._estimation.prepare(self.equilibria)
-        return self._estimation.linearize(self._found.x, self._found.states)
+        return self._estimation.linearize(self.found.x, self.found.states)
+
+    @property
+    def _inaccuracies(self) -> Array:
+        """Of each experiment's whitened misfits, from base moments that are as good as the tolerance."""
+        estimation = self._estimation
+        moments = [estimation.tolerance * unit for unit in estimation.units]
+        found = [np.linalg.norm(each.misfit_z * z) for each, z in zip(self._linearized, moments, strict=True)]
+        return np.hypot(found, _EXACT)
 
     @cached_property
     def _information(self) -> Information:
@@ -402,7 +429,7 @@ class Fit:
     def _determined(self) -> Determined:
         level = 1.0
         if self._estimation.loss == "squared" and not self._estimation.scaled:
-            level = self.chi_squared / max(int(self._numbers.sum()) - len(self._found.x), 1)
+            level = self.chi_squared / max(int(self._numbers.sum()) - len(self.found.x), 1)
         return determined(self._information.matrix / max(level, 1e-12) + self._information.prior)
 
     @property

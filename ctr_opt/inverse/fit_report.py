@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..robot.checks import Array
 from .fit import REJECTED
 from .losses import SMOOTHING
-from .measurements import BackboneMeasurement, Distal, Place, PositionMeasurement, Somewhere
+from .measurements import (
+    BackboneMeasurement,
+    Distal,
+    Measurement,
+    Place,
+    PoseMeasurement,
+    PositionMeasurement,
+    Somewhere,
+    TangentMeasurement,
+)
 from .uncertainty import symbol
 
 if TYPE_CHECKING:
     from .fit import Fit, Residual
 
 _FEW = 6  # arc lengths that are told one by one
+_POINTS = (PositionMeasurement, PoseMeasurement, BackboneMeasurement)
 _CORRELATED = 0.9  # pairs of parameters from here on are named
 _UNITS = (  # how a number is told: the end of its parameter's name, factor, unit
     ("stiffness", 1.0, "N m^2"),
@@ -24,8 +34,8 @@ _UNITS = (  # how a number is told: the end of its parameter's name, factor, uni
     ("length", 1e3, "mm"),
     ("translation_offset", 1e3, "mm"),
     ("translations", 1e3, "mm"),
-    ("base.translation", 1e3, "mm"),
-    ("base.rotation", 180.0 / np.pi, "deg"),
+    (".translation", 1e3, "mm"),
+    (".rotation", 180.0 / np.pi, "deg"),
     ("rotation_offset", 180.0 / np.pi, "deg"),
     ("rotations", 180.0 / np.pi, "deg"),
     ("force", 1.0, "N"),
@@ -110,9 +120,12 @@ def parameter_table(fit: Fit) -> list[str]:
 
 
 def _open(fit: Fit) -> list[str]:
+    lines = []
+    if fit.vague:
+        lines += ["", f"  Known only vaguely, to no better than their size: {', '.join(map(symbol, fit.vague))}"]
     if not fit.undetermined:
-        return []
-    lines = ["", "  Not determined by these data:"]
+        return lines
+    lines += ["", "  Not determined by these data:"]
     lines += [f"    {direction}" for direction in fit.undetermined]
     if fit.ratios:
         lines += ["  What they do determine:"]
@@ -146,23 +159,34 @@ def residual_lines(fit: Fit) -> list[str]:
                 f"mean {mean:.3f}, median {1e3 * np.median(sizes):.3f}, largest {most:.3f} mm ({len(sizes)} points)",
             )
         )
+    for name, angles in angle_errors(fit).items():
+        mean, middle, most = np.rad2deg((angles.mean(), np.median(angles), angles.max()))
+        told = f"mean {mean:.3f}, median {middle:.3f}, largest {most:.3f} deg ({len(angles)} directions)"
+        lines.append(_row(name, told))
     names = [fit.estimation.experiments[k].name or str(k) for k in fit.outliers]
     if names:
         lines += ["", "  Experiments that do not fit the others (look at them; none was left out):"]
         for name, k in zip(names, fit.outliers, strict=True):
-            own = [each for each in fit.residuals if each.experiment == k and is_point(fit, each)]
-            worst = max(own, key=lambda each: each.size, default=None)
-            at = f"{1e3 * worst.size:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, " if worst else ""
-            lines.append(f"    {name}: {at}influence {fit.influence[k]:.2g}")
+            lines.append(f"    {name}: {worst_point(fit, k)}influence {fit.influence[k]:.2g}")
     return lines
+
+
+def worst_point(fit: Fit, experiment: int) -> str:
+    """The largest distance of an experiment's points, and where; empty if it has none."""
+    own = [each for each in fit.residuals if each.experiment == experiment and is_point(fit, each)]
+    worst = max(own, key=lambda each: each.distance, default=None)
+    return f"{1e3 * worst.distance:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, " if worst else ""
+
+
+def measurement_of(fit: Fit, residual: Residual) -> Measurement:
+    """What a residual is of."""
+    return fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
 
 
 def place_of(fit: Fit, residual: Residual) -> tuple[Place | Somewhere] | None:
     """Where a point was measured, alone in a tuple; None if the residual is not that of a point."""
-    measurement = fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
-    if isinstance(measurement, BackboneMeasurement):
-        return (Somewhere(),)
-    return (measurement.arc_length[residual.block],) if isinstance(measurement, PositionMeasurement) else None
+    measurement = measurement_of(fit, residual)
+    return (measurement.arc_length[residual.block],) if isinstance(measurement, _POINTS) else None
 
 
 def is_point(fit: Fit, residual: Residual) -> bool:
@@ -171,12 +195,28 @@ def is_point(fit: Fit, residual: Residual) -> bool:
 
 
 def point_errors(fit: Fit) -> dict[str, Array]:
-    """Distances of measured points (m) by where they are: ends of tubes, the tip, arc lengths, or somewhere."""
-    places = [(place_of(fit, each), each.size) for each in fit.residuals]
-    points = [(place[0], size) for place, size in places if place is not None]
-    few = len({place for place, _ in points if isinstance(place, float)}) <= _FEW
-    found: dict[str, list[float]] = {}
-    for place, size in points:
+    """Distances of measured points (m) by where they are: ends of tubes, the tip, sensors, or arc lengths."""
+    return {name: np.array([each.distance for each in found]) for name, found in points_by_place(fit).items()}
+
+
+def points_by_place(fit: Fit) -> dict[str, list[Residual]]:
+    """The residuals of points, by where they are."""
+    return _by_place(fit, _POINTS)
+
+
+def angle_errors(fit: Fit) -> dict[str, Array]:
+    """Angles between predicted and measured directions or frames (rad), by where they are."""
+    found = _by_place(fit, (TangentMeasurement, PoseMeasurement))
+    return {f"direction, {name}": np.array([each.angle for each in every]) for name, every in found.items()}
+
+
+def _by_place(fit: Fit, kinds: tuple[type, ...]) -> dict[str, list[Residual]]:
+    those = [each for each in fit.residuals if isinstance(measurement_of(fit, each), kinds)]
+    measured: list[Any] = [measurement_of(fit, each) for each in those]
+    places = [one.arc_length[each.block] for one, each in zip(measured, those, strict=True)]
+    few = len({place for place in places if isinstance(place, float)}) <= _FEW
+    found: dict[str, list[Residual]] = {}
+    for each, place in zip(those, places, strict=True):
         if place is None:
             name = "tip"
         elif isinstance(place, Distal):
@@ -185,8 +225,9 @@ def point_errors(fit: Fit) -> dict[str, Array]:
             name = "somewhere along it"
         else:
             name = f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
-        found.setdefault(name, []).append(size)
-    return {name: np.array(sizes) for name, sizes in found.items()}
+        sensor = measurement_of(fit, each).requests[each.block].sensor
+        found.setdefault(name if sensor is None else f"{name} ({sensor})", []).append(each)
+    return found
 
 
 def _row(name: str, value: str) -> str:

@@ -6,6 +6,7 @@ A measurement says which predictions it needs and where (``requests``), and turn
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, Protocol, TypeAlias
@@ -41,6 +42,12 @@ def _as_given(value: Any) -> Any:
     return value
 
 
+def _sensor(value: Any) -> str | None:
+    if value is not None and not (isinstance(value, str) and re.fullmatch(r"[A-Za-z]\w*", value)):
+        raise DefinitionError(f"sensor = {value!r} must be a name of letters, digits and underscores")
+    return value
+
+
 @attrs.frozen
 class Distal:
     """The distal end of a tube, wherever it is: it moves with the tube's translation and length.
@@ -70,16 +77,22 @@ def arc_length_of(place: Place, ends: Array) -> float:
 
 @attrs.frozen
 class Request:
-    """A prediction of a tube that is needed, at a place: ``"pose"``, ``"curvature"``, ``"torque"`` or ``"force"``."""
+    """A prediction of a tube that is needed, at a place: ``"pose"``, ``"curvature"``, ``"torque"`` or ``"force"``.
+
+    With ``sensor``, the pose is that of a sensor which the tube carries there.
+    """
 
     kind: str
     place: Place | Somewhere = None
     tube: int | None = None
+    sensor: str | None = None
 
 
 @attrs.frozen(eq=False)
 class Predicted:
-    """A prediction and its derivatives: of a pose (3, 4) six rates, position and world angular velocity."""
+    """Predictions of E experiments and their derivatives: poses ``(E, 3, 4)`` with rates ``(E, 6, k)``, of position and
+    world angular velocity; of others ``(E, n)`` and ``(E, n, k)``.
+    """
 
     value: Array
     slopes: Array
@@ -111,8 +124,12 @@ class Measurement(Protocol):
     def scaled(self) -> bool:
         """Whether a noise level was given."""
 
-    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
-        """Predicted minus measured ``(blocks, size)``, SI, and the derivatives ``(blocks, size, k)``."""
+    @staticmethod
+    def compare(measured: Sequence[Any], found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """Predicted minus measured ``(E, blocks, size)``, SI, and the derivatives ``(E, blocks, size, k)``.
+
+        ``measured``: of one kind and shape, in E experiments; ``found``: the predictions that they request.
+        """
 
 
 def _places(value: Any) -> tuple[Place, ...]:
@@ -215,6 +232,10 @@ class PositionMeasurement(_Measured):
     sigma
         Standard deviation, m: a number, one for each axis ``(3,)``, or covariances ``(3, 3)`` or ``(k, 3, 3)``. None:
         the noise level is unknown and estimated from the residuals.
+    sensor
+        A name, if the point is a sensor's, fixed to the material frame of a tube at one place (of the innermost that
+        is there, or of the one that ends there). Its pose in that frame: ``"sensors.<name>.translation"`` and
+        ``"sensors.<name>.rotation"`` of :class:`Parameter`, zero where they are not estimated.
 
     Examples
     --------
@@ -225,6 +246,7 @@ class PositionMeasurement(_Measured):
     arc_length: tuple[Place, ...] = attrs.field(converter=_places)
     position: Array = attrs.field(eq=ARRAY_EQ, converter=_as_given)
     sigma: Any = None
+    sensor: str | None = attrs.field(default=None, converter=_sensor)
 
     def __attrs_post_init__(self) -> None:
         given = array(self.position, "position", (None,) * np.ndim(self.position), unit="m")
@@ -233,23 +255,34 @@ class PositionMeasurement(_Measured):
                 f"position has shape {given.shape}, but must have shape ({len(self.arc_length)}, 3), a row for each "
                 "arc length"
             )
+        if self.sensor is not None and len(self.arc_length) != 1:
+            raise DefinitionError(
+                f"sensor = {self.sensor!r} must be at one place: give a measurement for each of {len(self.arc_length)}"
+            )
         object.__setattr__(self, "position", given.reshape(-1, 3))
         _ = self.whitener
 
     @property
     def requests(self) -> tuple[Request, ...]:
         """Poses at the places."""
-        return tuple(Request("pose", place) for place in self.arc_length)
+        return tuple(Request("pose", place, sensor=self.sensor) for place in self.arc_length)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Points, and three coordinates."""
         return len(self.arc_length), 3
 
-    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+    @staticmethod
+    def compare(measured: Sequence[PositionMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
         """Distances to the points, and derivatives."""
-        values = np.array([each.value[:3, 3] for each in found]) - self.position
-        return values, np.array([each.slopes[:3] for each in found])
+        return _differences(measured, found)
+
+
+def _differences(measured: Sequence[Any], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    """Predicted positions less measured ones, and derivatives."""
+    values = np.stack([each.value[:, :, 3] for each in found], axis=1)
+    rates = np.stack([each.slopes[:, :3] for each in found], axis=1)
+    return values - np.array([each.position for each in measured]), rates
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -288,19 +321,24 @@ class BackboneMeasurement(_Measured):
         _ = self.whitener
 
     @property
+    def arc_length(self) -> tuple[Somewhere, ...]:
+        """Where the points are."""
+        return (Somewhere(),) * len(self.position)
+
+    @property
     def requests(self) -> tuple[Request, ...]:
         """A pose for each point."""
-        return (Request("pose", Somewhere()),) * len(self.position)
+        return tuple(Request("pose", place) for place in self.arc_length)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Points, and three coordinates."""
         return len(self.position), 3
 
-    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+    @staticmethod
+    def compare(measured: Sequence[BackboneMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
         """Distances to the points, and derivatives, places held."""
-        values = np.array([each.value[:3, 3] for each in found]) - self.position
-        return values, np.array([each.slopes[:3] for each in found])
+        return _differences(measured, found)
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -318,6 +356,8 @@ class PoseMeasurement(_Measured):
         ``(6, 6)``, or None.
     tube
         Whose frame it is; None: the innermost tube's that is there.
+    sensor
+        As in :class:`PositionMeasurement`: the pose is that of a sensor on the tube.
 
     Examples
     --------
@@ -330,6 +370,7 @@ class PoseMeasurement(_Measured):
     pose: Array = attrs.field(converter=_pose)
     sigma: Any = None
     tube: int | None = None
+    sensor: str | None = attrs.field(default=None, converter=_sensor)
 
     def __attrs_post_init__(self) -> None:
         if self.tube is not None:
@@ -344,7 +385,7 @@ class PoseMeasurement(_Measured):
     @property
     def requests(self) -> tuple[Request, ...]:
         """The pose."""
-        return (Request("pose", self.arc_length[0], self.tube),)
+        return (Request("pose", self.arc_length[0], self.tube, self.sensor),)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -356,26 +397,26 @@ class PoseMeasurement(_Measured):
         """As given: metres and radians are not of one unit."""
         return self.whitener
 
-    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+    @staticmethod
+    def compare(measured: Sequence[PoseMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
         """Difference of positions, and the rotation vector from the measured to the predicted frame."""
         from scipy.spatial.transform import Rotation
 
         value, slopes = found[0].value, found[0].slopes
-        turned = Rotation.from_matrix(value[:3, :3] @ self.pose[:3, :3].T).as_rotvec()
-        rates = np.vstack((slopes[:3], inverse_left_jacobian(turned) @ slopes[3:]))
-        return np.concatenate((value[:3, 3] - self.pose[:3, 3], turned))[None], rates[None]
+        poses = np.array([each.pose for each in measured])
+        turned = Rotation.from_matrix(value[:, :, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)).as_rotvec()
+        rates = np.concatenate((slopes[:, :3], inverse_left_jacobian(turned) @ slopes[:, 3:]), axis=1)
+        return np.hstack((value[:, :, 3] - poses[:, :3, 3], turned))[:, None], rates[:, None]
 
 
-def inverse_left_jacobian(vector: Array) -> Array:
-    """Takes an angular velocity to the rate of the rotation vector: ``d log(R)`` of ``dR = hat(w) R``."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    hat = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-4:  # the series' next term is below 1e-18
-        factor = 1.0 / 12.0 + angle**2 / 720.0
-    else:
-        factor = (1.0 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2
-    return np.asarray(np.eye(3) - 0.5 * hat + factor * hat @ hat)
+def inverse_left_jacobian(vectors: Array) -> Array:
+    """Takes angular velocities to the rates of rotation vectors ``(E, 3)``: ``d log(R)`` of ``dR = hat(w) R``."""
+    angle = np.linalg.norm(vectors, axis=1)
+    small = angle < 1e-4  # the series' next term is below 1e-18
+    safe = np.where(small, 1.0, angle)
+    factor = np.where(small, 1.0 / 12.0 + angle**2 / 720.0, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
+    hat = np.swapaxes(np.cross(vectors[:, None], np.eye(3)), 1, 2)
+    return np.asarray(np.eye(3) - 0.5 * hat + factor[:, None, None] * hat @ hat)
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -390,6 +431,8 @@ class TangentMeasurement(_Measured):
         ``(3,)``, world frame, of any length.
     sigma
         Standard deviation of the angle, rad, about every axis across the tangent; or None.
+    sensor
+        As in :class:`PositionMeasurement`: the direction is that of the z axis of a sensor on the tube.
 
     Examples
     --------
@@ -400,6 +443,7 @@ class TangentMeasurement(_Measured):
     arc_length: tuple[Place, ...] = attrs.field(converter=_place)
     direction: Array = attrs.field(converter=_direction)
     sigma: float | None = None
+    sensor: str | None = attrs.field(default=None, converter=_sensor)
 
     def __attrs_post_init__(self) -> None:
         size = float(np.linalg.norm(self.direction))
@@ -418,29 +462,38 @@ class TangentMeasurement(_Measured):
     @property
     def requests(self) -> tuple[Request, ...]:
         """The pose."""
-        return (Request("pose", self.arc_length[0]),)
+        return (Request("pose", self.arc_length[0], sensor=self.sensor),)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Two angles."""
         return 1, 2
 
-    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+    @staticmethod
+    def compare(measured: Sequence[TangentMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
         """The predicted tangent across the measured one, scaled to the angle between them, and derivatives."""
-        tangent, slopes = found[0].value[:3, 2], found[0].slopes
-        across, along = self._across @ tangent, float(self.direction @ tangent)
-        sine = float(np.linalg.norm(across))
-        moved = np.cross(slopes[3:].T, tangent).T
-        if sine < 1e-6 and along > 0.0:  # the angle is the sine, up to its third power
-            return across[None], (self._across @ moved)[None]
-        angle = np.arctan2(sine, along)
-        if sine < 1e-6:  # the opposite direction, half a turn about any axis
-            across, sine = np.array([1e-6, 0.0]), 1e-6
-        unit = across / sine
-        of_sine = unit @ self._across @ moved
-        of_angle = along * of_sine - sine * (self.direction @ moved)
-        change = np.outer(unit, of_angle) + angle / sine * (self._across @ moved - np.outer(unit, of_sine))
-        return (angle * unit)[None], change[None]
+        tangent, slopes = found[0].value[:, :, 2], found[0].slopes[:, 3:]
+        axes = np.array([each._across for each in measured])
+        direction = np.array([each.direction for each in measured])[:, None]
+        moved = np.cross(slopes, tangent[:, :, None], axis=1)
+        across, of_across = (axes @ tangent[..., None])[..., 0], axes @ moved
+        along = np.sum(direction[:, 0] * tangent, axis=1)
+        sine = np.linalg.norm(across, axis=1)
+        near = (sine < 1e-6) & (along > 0.0)  # the angle is the sine, up to its third power
+        far = (sine < 1e-6) & ~near  # the opposite direction, half a turn about any axis
+        angle, sine = np.arctan2(sine, along), np.maximum(sine, 1e-6)
+        unit = np.where(far[:, None], [1.0, 0.0], across / sine[:, None])[:, None]
+        of_sine = unit @ of_across
+        of_angle = _of_each(along) * of_sine - _of_each(sine) * (direction @ moved)
+        bend = np.swapaxes(unit, 1, 2)
+        change = bend * of_angle + _of_each(angle / sine) * (of_across - bend * of_sine)
+        values = np.where(near[:, None, None], across[:, None], angle[:, None, None] * unit)
+        return values, np.where(near[:, None, None], of_across, change)[:, None]
+
+
+def _of_each(numbers: Array) -> Array:
+    """A number for each experiment, as a factor of its matrix."""
+    return numbers[:, None, None]
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -491,11 +544,13 @@ class CurvatureMeasurement(_Measured):
         """Places, and two or three numbers."""
         return self.curvature.shape[0], self.curvature.shape[1]
 
-    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+    @staticmethod
+    def compare(measured: Sequence[CurvatureMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
         """Differences of the curvatures, and derivatives."""
-        size = self.curvature.shape[1]
-        values = np.array([each.value[:size] for each in found]) - self.curvature
-        return values, np.array([each.slopes[:size] for each in found])
+        size = measured[0].shape[1]
+        values = np.stack([each.value[:, :size] for each in found], axis=1)
+        rates = np.stack([each.slopes[:, :size] for each in found], axis=1)
+        return values - np.array([each.curvature for each in measured]), rates
 
 
 class _OfActuator(_Measured):
@@ -516,9 +571,11 @@ class _OfActuator(_Measured):
         """One number."""
         return 1, 1
 
-    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
-        """Difference of the numbers, and derivatives."""
-        return found[0].value.reshape(1, 1) - getattr(self, self._kind), found[0].slopes.reshape(1, 1, -1)
+    @staticmethod
+    def compare(measured: Sequence[_OfActuator], found: Sequence[Predicted]) -> tuple[Array, Array]:
+        """Differences of the numbers, and derivatives."""
+        told = np.array([[[getattr(each, each._kind)]] for each in measured])
+        return found[0].value[:, None] - told, found[0].slopes[:, None]
 
 
 @attrs.frozen(eq=False, slots=False)

@@ -35,7 +35,7 @@ def structure(robot: Robot, actuation: Actuation, loads: Sequence[Load], request
     """Equal for experiments that one function serves."""
     known = parameters(robot, actuation, loads)
     own = tuple(_structure(load, f"loads[{k}].", known) for k, load in enumerate(loads))
-    asked = tuple((r.kind, "s" if isinstance(r.place, float) else r.place, r.tube) for r in requests)
+    asked = tuple((r.kind, "s" if isinstance(r.place, float) else r.place, r.tube, r.sensor) for r in requests)
     ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
     return own, asked, tuple(carrier(request, ends) for request in requests if request.kind == "pose")
 

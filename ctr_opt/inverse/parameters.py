@@ -19,9 +19,12 @@ from ..robot.parameters import chosen, parameters
 from ..robot.replacing import loads_with, robot_with
 from ..robot.robot import Robot
 from ..robot.weights import Gravity
+from .sensors import Mounting
 
 _OFFSET = re.compile(r"tubes\[(\d+)\]\.(rotation|translation)_offset")
+_SENSOR = re.compile(r"sensors\.(\w+)\.(translation|rotation)")
 _OWN = re.compile(r"experiments\[(\d+)\]\.(rotations|translations|loads\[\d+\]\.\w+)")
+_OFF_ROBOT = ("rotations[", "translations[", "sensors.")  # what acts on actuations, or on what sensors show
 _AXES = "xyz"
 _POSITIVE = ("stiffness", "modulus", "diameter", "length")
 _FACTOR = 100.0  # how far positive parameters may go from where they start, unless told otherwise
@@ -57,10 +60,14 @@ class Parameter:
         Of one number or an array of them: any of :meth:`Equilibrium.sensitivity <ctr_opt.Equilibrium.sensitivity>`
         that belongs to the robot (``"tubes[0].bending_stiffness"``, ``"tubes[0].precurvature[1].coefficients"``,
         ``"base.translation"``); ``"tubes[0].rotation_offset"`` (rad) and ``"tubes[0].translation_offset"`` (m), added
-        to every experiment's actuation; or an experiment's own, ``"experiments[3].loads[0].force"``,
-        ``"experiments[3].rotations"``. With ``tied``, a name of your own for a common factor.
+        to every experiment's actuation; ``"sensors.coil.translation"`` ``(3,)``, m, and ``"sensors.coil.rotation"``
+        ``(3,)``, rad, the pose of the sensor ``"coil"`` of measurements in the frame of the tube that carries it, its
+        angles about the axes x, y, z, each turned by those before it; or an experiment's own,
+        ``"experiments[3].loads[0].force"``, ``"experiments[3].rotations"``. With ``tied``, a name of your own for a
+        common factor.
     prior
         ``(mean, standard deviation)``, numbers or arrays of the parameter's shape: known before the data are seen.
+        Every measurement must then have its ``sigma``.
     bounds
         ``(least, most)``, likewise. Default: stiffnesses, moduli, diameters and lengths stay positive, within a factor
         of 100; angles within half a turn; others are free. No translation puts a base in front of the entry point.
@@ -108,6 +115,11 @@ class Unknown:
     def size(self) -> int:
         """How many numbers it is."""
         return len(self.initial)
+
+    @property
+    def of_robot(self) -> bool:
+        """Whether it belongs to the robot, not to an experiment, its actuation or a sensor."""
+        return self.experiment is None and not self.acts_on[0].startswith(_OFF_ROBOT)
 
 
 class Unknowns:
@@ -187,10 +199,7 @@ class Unknowns:
     @cached_property
     def moves_experiments(self) -> bool:
         """Whether any of them acts on actuations or loads."""
-        return any(
-            entry.experiment is not None or entry.acts_on[0].startswith(("rotations[", "translations["))
-            for entry in self.entries
-        )
+        return not all(entry.of_robot for entry in self.entries)
 
     def experiment_at(self, x: Array, k: int) -> tuple[Actuation, tuple[Load, ...]]:
         """Actuation and loads of an experiment with these values."""
@@ -213,7 +222,7 @@ class Unknowns:
     def _raw(self, x: Array, experiment: int | None) -> dict[str, Any]:
         values: dict[str, Any] = {}
         for entry in self.entries:
-            if entry.experiment != experiment or entry.acts_on[0].startswith(("rotations[", "translations[")):
+            if entry.experiment != experiment or entry.acts_on[0].startswith(_OFF_ROBOT):
                 continue
             part = x[self.parts[entry.name]]
             if entry.factors is not None:
@@ -229,7 +238,7 @@ class Unknowns:
         """
         found: list[tuple[str, int, Array]] = []
         for entry in self.entries:
-            if entry.experiment not in (None, experiment):
+            if entry.experiment not in (None, experiment) or entry.acts_on[0].startswith("sensors."):
                 continue
             part = self.parts[entry.name]
             for j, name in enumerate(entry.acts_on):
@@ -238,6 +247,18 @@ class Unknowns:
                 rows[:, part] = np.eye(entry.size) if entry.factors is None else entry.factors[j].reshape(-1, 1)
                 found.append((base, first, rows))
         return found
+
+    def mounting(self, sensor: str, x: Array) -> Mounting:
+        """Pose of a sensor in the frame of the tube that carries it; what is not unknown is zero."""
+        kinds = (self.parts.get(f"sensors.{sensor}.{kind}") for kind in ("translation", "rotation"))
+        translation, angles = (np.zeros(3) if part is None else x[part] for part in kinds)
+        return translation, angles
+
+    def of_sensors(self, sensors: Iterable[str]) -> Array:
+        """``d numbers / dx`` of the six numbers of each sensor's pose, ``(6 k, size)``."""
+        parts = (self.parts.get(f"sensors.{name}.{kind}") for name in sensors for kind in ("translation", "rotation"))
+        rows = [np.zeros((3, self.size)) if part is None else np.eye(self.size)[part] for part in parts]
+        return np.vstack([np.zeros((0, self.size)), *rows])
 
     def sizes(self, names: Sequence[str], experiment: int) -> dict[str, int]:
         """How many numbers parameters of these names have in an experiment."""
@@ -259,6 +280,9 @@ class Unknowns:
                 return _unknown(given, np.zeros(()), (f"rotations[{i}]",), 1.0)
             foremost = max(float(actuation.translations[i]) for actuation, _ in self.experiments)
             return _unknown(given, np.zeros(()), (f"translations[{i}]",), self._length, most=0.0 - foremost)
+        if found := _SENSOR.fullmatch(given.name):
+            scale = self._length if found[2] == "translation" else 1.0
+            return _unknown(given, np.zeros(3), (given.name,), scale)
         if found := _OWN.fullmatch(given.name):
             return self._own(given, int(found[1]), found[2])
         (found_one,) = chosen(self._known, [given.name], "parameters")
@@ -299,7 +323,7 @@ class Unknowns:
                 if key in seen:
                     raise DefinitionError(f"parameters: both {seen[key]!r} and {entry.name!r} stand for {name!r}")
                 seen[key] = entry.name
-        robot_names = [name for k, name in seen if k is None and not name.startswith(("rotations[", "translations["))]
+        robot_names = [name for k, name in seen if k is None and not name.startswith(_OFF_ROBOT)]
         chosen(self._known, robot_names, "parameters")  # refuses a stiffness beside the modulus that it follows from
 
 
@@ -386,7 +410,7 @@ def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
 def _default_bounds(name: str, initial: Array, factor: bool) -> tuple[Array, Array]:
     if (factor or name.endswith(_POSITIVE)) and np.all(initial > 0.0):
         return initial / _FACTOR, initial * _FACTOR
-    if name == "base.rotation" or name.endswith("rotation_offset"):
+    if name.endswith((".rotation", "rotation_offset")):
         return initial - np.pi, initial + np.pi
     return np.full(initial.shape, -np.inf), np.full(initial.shape, np.inf)
 

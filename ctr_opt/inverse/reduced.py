@@ -135,9 +135,12 @@ def solve_reduced(
     bounds = tuple(each[free] / scale for each in unknowns.bounds)
     accuracy: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12}
     result = least_squares(problem.residuals, x[free] / scale, problem.jacobian, bounds, max_nfev=200, **accuracy)
-    found = problem.all(result.x)
-    final = estimation.equilibria(found, problem.equilibria)
+    found, count = problem.all(result.x), int(result.njev or 0)
+    try:
+        final = estimation.equilibria(found, problem.equilibria)
+    except SolveError as error:
+        return Found(found, problem.states, False, f"no equilibrium in {error}", count)
     states = estimation.settled(found, _with_moments(problem.states, final))
     for state, each in zip(states, estimation.linearize(found, states), strict=True):
         state[: len(each.residual)] += each.step()
-    return Found(found, states, bool(result.status > 0), str(result.message), int(result.njev or 0))
+    return Found(found, states, bool(result.status > 0), str(result.message), count)

@@ -15,7 +15,10 @@ from ..robot.checks import Array
 from .estimation import Estimation, Linearized
 from .places import across, eliminated
 
-VAGUE = 1.0  # scaled standard deviation from which a direction counts as undetermined: known to no better than its size
+VAGUE = 1.0  # scaled standard deviation from which a number counts as known vaguely: to no better than its size
+_UNKNOWN = 3.0
+"""Scaled standard deviation from which a direction counts as undetermined: half a turn of an angle, and of a stiffness
+not even the order of magnitude. What data do not determine at all comes to infinity, or to tens by rounding errors."""
 _BLIND = 1e-11  # of the largest eigenvalue: rounding errors alone leave more
 _TAKES_PART = 0.05  # the share of a parameter in an undetermined direction from which it is undetermined itself
 _EQUAL = 0.02  # relative: by so much the parts of a common factor may differ
@@ -91,7 +94,7 @@ class Determined:
 
     eigenvalues: Array
     known: Array
-    vague: Array
+    unknown: Array
     deviations: Array
 
     @property
@@ -106,8 +109,8 @@ def determined(matrix: Array) -> Determined:
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     blind = values <= _BLIND * max(values[-1], 0.0)
     deviations = np.where(blind, np.inf, 1.0 / np.sqrt(np.where(blind, 1.0, values)))
-    vague = deviations > VAGUE
-    return Determined(values, vectors[:, ~vague], vectors[:, vague], deviations[vague])
+    unknown = deviations > _UNKNOWN
+    return Determined(values, vectors[:, ~unknown], vectors[:, unknown], deviations[unknown])
 
 
 def covariance(matrix: Array, known: Array, middle: Array | None = None) -> Array:
@@ -122,21 +125,20 @@ def covariance(matrix: Array, known: Array, middle: Array | None = None) -> Arra
 
 def taking_part(of: Determined) -> Array:
     """Which parameters take part in what is not determined, as booleans."""
-    if of.vague.shape[1] == 0:
+    if of.unknown.shape[1] == 0:
         return np.zeros(len(of.eigenvalues), dtype=bool)
-    return np.asarray(np.sqrt((of.vague**2).sum(axis=1)) > _TAKES_PART)
+    return np.asarray(np.sqrt((of.unknown**2).sum(axis=1)) > _TAKES_PART)
 
 
 def directions(of: Determined, labels: Sequence[str], x: Array, scale: Array) -> list[Direction]:
     """The undetermined directions, each with as few parameters as possible, in words."""
     found = []
-    for row in _sparse(of.vague):
+    for row in _sparse(of.unknown):
         vector = row / row[np.abs(row).argmax()]
         those = np.flatnonzero(np.abs(vector) > _TAKES_PART)
         unit = vector / np.linalg.norm(vector)
-        spread = (
-            np.sqrt(np.sum((of.deviations * (of.vague.T @ unit)) ** 2)) if np.isfinite(of.deviations).all() else np.inf
-        )
+        known = np.isfinite(of.deviations).all()
+        spread = np.sqrt(np.sum((of.deviations * (of.unknown.T @ unit)) ** 2)) if known else np.inf
         relative = vector[those] * scale[those] / np.where(x[those] == 0.0, np.inf, x[those])
         names = [labels[int(k)] for k in those]
         parts = dict(zip(names, vector[those] * scale[those], strict=True))

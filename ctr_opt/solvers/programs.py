@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 
 _ENDS = ("Solve_Succeeded", "Search_Direction_Becomes_Too_Small", "Solved_To_Acceptable_Level")
 """How IPOPT ends at an answer: as wanted, or where rounding errors leave nothing to gain."""
+_STANDS_STILL = {
+    "acceptable_iter": 3,
+    "acceptable_obj_change_tol": 1e-12,
+    "acceptable_constr_viol_tol": 1e-9,
+    "acceptable_tol": 1e10,
+}
+"""An answer, too: equations hold, and the objective is the same in so many steps, as where it knows no direction."""
 _SATISFIED = 1e-8  # largest equation left
 
 
@@ -144,7 +151,7 @@ def solve_program(
     curved = _Callback("curved", [size, 0, 1, count], [second], hessian, caught)
     x = ca.MX.sym("x", size)
     objective, constraints = values(x, ca.MX(0, 1))
-    options = quiet(tolerance, iterations, acceptable_iter=3, mu_init=1e-6)
+    options = quiet(tolerance, iterations, mu_init=1e-6, **_STANDS_STILL)
     options |= {"no_nlp_grad": True, "calc_lam_x": False, "calc_f": False, "calc_g": False}
     options |= {"grad_f": slope, "jac_g": slopes, "hess_lag": curved}
     if progress is not None:

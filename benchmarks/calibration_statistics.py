@@ -1,0 +1,143 @@
+"""Do a calibration's errors hold? ``python -m benchmarks.calibration_statistics``; see docs/calibration_statistics.md.
+
+The problem of problems/rjw_s1/calibration.toml without its outlier: the true shapes are solved once, every repetition
+draws new noise, seeded by its number, and fits from nominal parameters.
+"""
+
+import argparse
+from time import perf_counter
+
+import attrs
+import numpy as np
+from scipy.stats import binom, chi2, norm
+
+import ctr_opt as ctr
+from ctr_opt.calibration_files import load_calibration
+from ctr_opt.inverse.fit import REJECTED
+from ctr_opt.inverse.fit_report import unit_of
+from ctr_opt.inverse.losses import LOSSES
+from ctr_opt.inverse.measurements import arc_length_of
+
+from .calibration_data import FILE, PLACES
+
+LEVEL = 0.95  # of the intervals, and of the chi-square of the residuals
+BAND = 0.999  # probability of the bands
+
+
+@attrs.frozen(eq=False)
+class Repetitions:
+    """What the fits found: ``errors`` and told ``deviations (repetitions, numbers)``, and the bound on the latter."""
+
+    labels: list
+    bound: np.ndarray
+    errors: np.ndarray
+    deviations: np.ndarray
+    nees: np.ndarray
+    """Normalized estimation error squared ``e^T C^-1 e`` of each repetition."""
+    p_values: np.ndarray
+
+    @property
+    def coverage(self):
+        """Share of the intervals that hold the truth, for each number."""
+        return (np.abs(self.errors) < norm.ppf(0.5 + 0.5 * LEVEL) * self.deviations).mean(axis=0)
+
+    @property
+    def efficiency(self):
+        """Root-mean-square errors over the Cramer-Rao bound."""
+        return np.sqrt((self.errors**2).mean(axis=0)) / self.bound
+
+    @property
+    def bias(self):
+        """Mean errors over the Cramer-Rao bound."""
+        return self.errors.mean(axis=0) / self.bound
+
+
+def central(distribution):
+    """The band in which a statistic with this distribution is, all but once in a thousand."""
+    return distribution.ppf(0.5 - 0.5 * BAND), distribution.isf(0.5 - 0.5 * BAND)
+
+
+def at_truth(given):
+    """The parameters that the data are made with, beside the measurements: shapes, and information."""
+    values = given.truth["values"]
+    parameters = [ctr.Parameter(name, initial=values[name]) for name in given.parameters]
+    return ctr.CalibrationProblem(given.robot, given.experiments, parameters, compiled=True).nominal()
+
+
+def seen(experiment, shape):
+    """Where the measured points truly are, ``(places, 3)``, m."""
+    ends = np.array([tube.length for tube in shape.robot.tubes]) + experiment.actuation.translations
+    return shape.position([arc_length_of(place, ends) for place in PLACES])
+
+
+def measured(experiments, exact, sigma, rng):
+    """The experiments, their points measured anew."""
+    points = exact + sigma * rng.normal(size=exact.shape)
+    return [
+        attrs.evolve(each, measurements=[ctr.PositionMeasurement(list(PLACES), own, sigma)])
+        for each, own in zip(experiments, points, strict=True)
+    ]
+
+
+def repeat(repetitions, loss="squared", seed=1):
+    """Fits to so many sets of noise."""
+    given = load_calibration(FILE)
+    truth = at_truth(given)
+    exact = np.array([seen(*pair) for pair in zip(given.experiments, truth.equilibria, strict=True)])
+    sigma = np.array(given.sigma["position"])
+    errors, deviations, nees, p_values = [], [], [], []
+    for k in range(repetitions):
+        data = measured(given.experiments, exact, sigma, np.random.default_rng([seed, k]))
+        fit = ctr.CalibrationProblem(given.robot, data, given.parameters, loss=loss, compiled=True).solve()
+        error = fit.estimates - truth.estimates
+        errors.append(error)
+        deviations.append(fit.deviations)
+        nees.append(error @ np.linalg.solve(fit.covariance, error))
+        p_values.append(fit.p_value)
+    found = map(np.array, (errors, deviations, nees, p_values))
+    return Repetitions(truth.labels, np.sqrt(np.diag(truth.covariance_assumed)), *found)
+
+
+def table(found):
+    """Lines of a table in Markdown, a row for each number."""
+    yield "| parameter | Cramer-Rao bound | coverage | RMSE / bound | bias / bound |"
+    yield "| --- | ---: | ---: | ---: | ---: |"
+    rows = zip(found.labels, found.bound, found.coverage, found.efficiency, found.bias, strict=True)
+    for label, bound, coverage, efficiency, bias in rows:
+        factor, unit = unit_of(label)
+        yield f"| `{label}` | {factor * bound:.3g} {unit} | {coverage:.1%} | {efficiency:.3f} | {bias:+.3f} |"
+
+
+def joint(found):
+    """A line on all numbers together."""
+    count, numbers = found.errors.shape
+    low, high = central(chi2(numbers * count))
+    return f"joint NEES: {found.nees.mean():.3f}, 99.9 % band {low / count:.3f} to {high / count:.3f}"
+
+
+def rejections(found):
+    """Lines on the residuals' chi-square."""
+    count = len(found.p_values)
+    for level in (1.0 - LEVEL, REJECTED):
+        low, high = central(binom(count, level))
+        rejected = np.count_nonzero(found.p_values < level)
+        yield f"residuals rejected at {level:.3g}: {rejected} of {count}, 99.9 % band {low:.0f} to {high:.0f}"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repetitions", type=int, default=500)
+    parser.add_argument("--loss", choices=LOSSES, default="squared")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    begin = perf_counter()
+    found = repeat(given.repetitions, given.loss, given.seed)
+    seconds = perf_counter() - begin
+    print(*table(found), "", joint(found), sep="\n")
+    if given.loss == "squared":  # what other losses leave is not chi-square
+        print(*rejections(found), sep="\n")
+    print(f"{seconds / given.repetitions:.3f} s a repetition")
+
+
+if __name__ == "__main__":
+    main()
