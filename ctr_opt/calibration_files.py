@@ -61,7 +61,9 @@ class Calibration:
     Attributes
     ----------
     robot, experiments, parameters, losses
-        What to fit, by which losses; ``held`` are the experiments of the table that are not.
+        What to fit, by which losses.
+    hold_out, held
+        Which experiments of the table are predicted and not fitted.
     sigma
         Standard deviations of ``position`` (m) and ``direction`` (rad), as far as given.
     sensor
@@ -151,7 +153,7 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
         robot,
         table,
         tuple(each for k, each in enumerate(rows) if k not in held),
-        tuple(each if isinstance(each, str) else Parameter(**each) for each in data["parameters"]),
+        at(file, "", lambda: tuple(e if isinstance(e, str) else Parameter(**e) for e in data["parameters"])),
         tuple(data["losses"]),
         sigma,
         data.get("sensor"),

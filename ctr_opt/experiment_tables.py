@@ -88,8 +88,7 @@ def read_experiments(
             name: _value(file, line, name, row[k], factor) for name, (k, factor) in columns.items() if name != "name"
         }
         name = row[columns["name"][0]].strip() if "name" in columns else f"line {line}"
-        row_of = _Row(f"{file}: line {line}", values, tubes, sigma, direction_sigma, sensor)
-        found.append(row_of.experiment(name))
+        found.append(_Row(f"{file}: line {line}", values, tubes, sigma, direction_sigma, sensor).experiment(name))
     return found
 
 

@@ -1,6 +1,7 @@
 """A robot's calibration from a thousand poses of a sensor at its tip: the table, the fit, the hold-out, the report."""
 
 import re
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -185,6 +186,21 @@ def test_wrong_tables(tmp_path, header, row, settings, message):
         read(tmp_path, header, row, **settings)
 
 
+def elsewhere(text, folder):
+    """A calibration file with that text, which finds the robot and the table of the problem."""
+    for name in ("robot_b.toml", "tip_poses.csv"):
+        text = text.replace(f'"{name}"', f'"{(TIP_POSES.parent / name).as_posix()}"')
+    (folder / "file.toml").write_text(text, "utf-8")
+    return folder / "file.toml"
+
+
+def test_the_file_in_the_docs_is_one(tmp_path):
+    (text,) = re.findall(r"```toml\n(.*?)```", Path("docs/calibration.md").read_text("utf-8"), re.S)
+    found = load_calibration(elsewhere(text.replace('"robot.toml"', '"robot_b.toml"'), tmp_path))
+    assert len(found.held) == 200
+    assert found.parameters[2] == ctr.Parameter("precurvature of tube 0", tied="tubes[0].precurvature[1].curvature")
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -192,13 +208,11 @@ def test_wrong_tables(tmp_path, header, row, settings, message):
         (("share = 0.2", "share = 0.0001"), "must hold out at least one"),
         (("seed = 1\n", ""), r"hold_out.seed is missing"),
         (('sensor = "coil"', 'sensor = "ring"'), "no measurement is of a sensor 'coil'; there are: 'ring'"),
+        (('tied = ["tubes[0]', 'prior = 1.0, tied = ["tubes[0]'), "file.toml: prior = 1.0 must be a pair"),
         (("{ name = ", "{ nme = "), r"parameters\[11\].nme is no key here; did you mean 'name'"),
     ],
 )
 def test_wrong_calibrations(tmp_path, change, message):
-    text = TIP_POSES.read_text("utf-8").replace(*change, 1)
-    for name in ("robot_b.toml", "tip_poses.csv"):
-        text = text.replace(f'"{name}"', f'"{(TIP_POSES.parent / name).as_posix()}"')
-    (tmp_path / "wrong.toml").write_text(text, "utf-8")
+    file = elsewhere(TIP_POSES.read_text("utf-8").replace(*change, 1), tmp_path)
     with pytest.raises(ctr.DefinitionError, match=message):
-        load_calibration(tmp_path / "wrong.toml")
+        load_calibration(file)

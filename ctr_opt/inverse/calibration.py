@@ -140,9 +140,9 @@ class CalibrationProblem:
         EstimationError
             They have no equilibrium in some experiment.
         """
-        initial = self._estimation.unknowns.initial
-        states = self._estimation.states(initial, self._prepared())
-        return Fit(self._estimation, Found(initial, states, True, "nominal", 0), "nominal")
+        estimation, equilibria = self._estimation, self._prepared()
+        initial = estimation.unknowns.initial
+        return Fit(estimation, Found(initial, estimation.states(initial, equilibria), True, "nominal", 0), "nominal")
 
     def _prepared(self, progress: Progress | None = None) -> list[Equilibrium]:
         """The equilibria that the estimation starts from, its models built."""

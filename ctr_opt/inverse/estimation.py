@@ -109,18 +109,18 @@ class Layout:
 class Group:
     """Experiments that one model serves; ``mixing (E, numbers, own)``: what acts on each by unknowns ``own (E, j)``.
 
-    ``ends (E, tubes)``: the tubes' at the initial values; ``ends_x (E, tubes, own)``: their slopes, which are constant.
     ``mounting (E, 6 k, own)``: the same of the poses of the ``sensors`` on tubes, which act on predictions alone.
+    ``ends (E, tubes)``: the tubes' at the initial values; ``ends_x (E, tubes, own)``: their slopes, which are constant.
     In the virtual machine ``start (E, k)`` are all numbers at the initial values; ``symbolic.active`` of them move.
     """
 
     members: list[int]
     own: NDArray[np.intp]
     mixing: Array
-    ends: Array
-    ends_x: Array
     mounting: Array
     sensors: tuple[str, ...]
+    ends: Array
+    ends_x: Array
     unit: Array
     comparison: Comparison
     compiled: CompiledModel | None = None
@@ -382,7 +382,7 @@ class Estimation:
             misfit, rates = group.comparison.compare(predictions)
             along = group.comparison.along(predictions)
             misfit_x = rates[..., n:numbers] @ group.mixing + rates[..., numbers:] @ group.mounting
-            misfit_x = misfit_x + (along @ shares[..., None]) * length_x[:, None]
+            misfit_x += (along @ shares[..., None]) * length_x[:, None]
             parts = (slopes[..., n:] @ group.mixing, misfit, rates[..., :n], misfit_x, along * length[:, None, None])
             found.append(Linearized(residuals, slopes[..., :n], *parts, group.own, places))
         return found

@@ -182,12 +182,13 @@ class Fit:
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot with the estimated parameters; sensors on it are no part of it.
+        """The robot with the estimated parameters.
 
         Raises
         ------
         EstimationError
-            The data do not determine them; what they leave open of single experiments and offsets is no obstacle.
+            The data do not determine them; what they leave open of single experiments, offsets and sensors is
+            no obstacle.
         """
         unknowns = self._estimation.unknowns
         own = {label for entry in unknowns.entries if entry.of_robot for label in entry.labels}
@@ -240,7 +241,8 @@ class Fit:
 
         An arc length that the entry point, the tip or another point's bounds is none that was estimated.
         """
-        numbers = int(self._numbers.sum()) + int(np.isfinite(self._estimation.unknowns.prior[1]).sum())
+        numbers = int(self._numbers.sum())
+        numbers += int(np.isfinite(self._estimation.unknowns.prior[1]).sum())
         return int(max(numbers - self._determined.known.shape[1], 0))
 
     @cached_property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from .uncertainty import symbol
 if TYPE_CHECKING:
     from .fit import Fit, Residual
 
+_POINTS = PositionMeasurement, BackboneMeasurement, PoseMeasurement
 _FEW = 6  # arc lengths that are told one by one
-_POINTS = (PositionMeasurement, PoseMeasurement, BackboneMeasurement)
 _CORRELATED = 0.9  # pairs of parameters from here on are named
 _UNITS = (  # how a number is told: the end of its parameter's name, factor, unit
     ("stiffness", 1.0, "N m^2"),
@@ -186,7 +186,7 @@ def measurement_of(fit: Fit, residual: Residual) -> Measurement:
 def place_of(fit: Fit, residual: Residual) -> tuple[Place | Somewhere] | None:
     """Where a point was measured, alone in a tuple; None if the residual is not that of a point."""
     measurement = measurement_of(fit, residual)
-    return (measurement.arc_length[residual.block],) if isinstance(measurement, _POINTS) else None
+    return (measurement.requests[residual.block].place,) if isinstance(measurement, _POINTS) else None
 
 
 def is_point(fit: Fit, residual: Residual) -> bool:
@@ -195,7 +195,7 @@ def is_point(fit: Fit, residual: Residual) -> bool:
 
 
 def point_errors(fit: Fit) -> dict[str, Array]:
-    """Distances of measured points (m) by where they are: ends of tubes, the tip, sensors, or arc lengths."""
+    """Distances of measured points (m) by where they are: ends of tubes, the tip, sensors, arc lengths, somewhere."""
     return {name: np.array([each.distance for each in found]) for name, found in points_by_place(fit).items()}
 
 
@@ -212,11 +212,11 @@ def angle_errors(fit: Fit) -> dict[str, Array]:
 
 def _by_place(fit: Fit, kinds: tuple[type, ...]) -> dict[str, list[Residual]]:
     those = [each for each in fit.residuals if isinstance(measurement_of(fit, each), kinds)]
-    measured: list[Any] = [measurement_of(fit, each) for each in those]
-    places = [one.arc_length[each.block] for one, each in zip(measured, those, strict=True)]
-    few = len({place for place in places if isinstance(place, float)}) <= _FEW
+    requests = [measurement_of(fit, each).requests[each.block] for each in those]
+    few = len({one.place for one in requests if isinstance(one.place, float)}) <= _FEW
     found: dict[str, list[Residual]] = {}
-    for each, place in zip(those, places, strict=True):
+    for each, one in zip(those, requests, strict=True):
+        place = one.place
         if place is None:
             name = "tip"
         elif isinstance(place, Distal):
@@ -225,8 +225,7 @@ def _by_place(fit: Fit, kinds: tuple[type, ...]) -> dict[str, list[Residual]]:
             name = "somewhere along it"
         else:
             name = f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
-        sensor = measurement_of(fit, each).requests[each.block].sensor
-        found.setdefault(name if sensor is None else f"{name} ({sensor})", []).append(each)
+        found.setdefault(name if one.sensor is None else f"{name} ({one.sensor})", []).append(each)
     return found
 
 

@@ -218,6 +218,13 @@ class _Measured:
                     index(tube, "tube", tubes)
 
 
+def _distances(measured: Sequence[Any], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    """Of predicted from measured points, and derivatives."""
+    values = np.stack([each.value[:, :, 3] for each in found], axis=1)
+    rates = np.stack([each.slopes[:, :3] for each in found], axis=1)
+    return values - np.array([each.position for each in measured]), rates
+
+
 @attrs.frozen(eq=False, slots=False)
 class PositionMeasurement(_Measured):
     """Measured positions of backbone points.
@@ -275,14 +282,7 @@ class PositionMeasurement(_Measured):
     @staticmethod
     def compare(measured: Sequence[PositionMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
         """Distances to the points, and derivatives."""
-        return _differences(measured, found)
-
-
-def _differences(measured: Sequence[Any], found: Sequence[Predicted]) -> tuple[Array, Array]:
-    """Predicted positions less measured ones, and derivatives."""
-    values = np.stack([each.value[:, :, 3] for each in found], axis=1)
-    rates = np.stack([each.slopes[:, :3] for each in found], axis=1)
-    return values - np.array([each.position for each in measured]), rates
+        return _distances(measured, found)
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -321,14 +321,9 @@ class BackboneMeasurement(_Measured):
         _ = self.whitener
 
     @property
-    def arc_length(self) -> tuple[Somewhere, ...]:
-        """Where the points are."""
-        return (Somewhere(),) * len(self.position)
-
-    @property
     def requests(self) -> tuple[Request, ...]:
         """A pose for each point."""
-        return tuple(Request("pose", place) for place in self.arc_length)
+        return (Request("pose", Somewhere()),) * len(self.position)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -338,7 +333,7 @@ class BackboneMeasurement(_Measured):
     @staticmethod
     def compare(measured: Sequence[BackboneMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
         """Distances to the points, and derivatives, places held."""
-        return _differences(measured, found)
+        return _distances(measured, found)
 
 
 @attrs.frozen(eq=False, slots=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from ..robot.checks import Array
 from .compiled_model import euler_rates
 from .measurements import Predicted, Request
 
-Mounting = tuple[Array, Array]
+Mounting: TypeAlias = "tuple[Array, Array]"
 """A sensor in a tube's frame: translation ``(3,)``, m, and XYZ Euler angles ``(3,)``, rad."""
 
 
