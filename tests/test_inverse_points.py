@@ -85,14 +85,14 @@ class Independent:
         return np.concatenate(parts)
 
     def fit(self, places):
-        start = np.concatenate(([1.1, 0.0], places))
-        return least_squares(self.residuals, start, "3-point", x_scale=np.r_[0.1, 0.1, 1e-3 + 0.0 * places], xtol=1e-14)
+        start = np.concatenate(([1.0, 0.0], places))
+        return least_squares(self.residuals, start, "3-point", x_scale=np.r_[0.1, 0.1, 1e-3 + 0.0 * places], ftol=1e-15)
 
 
 @pytest.fixture(scope="module")
 def noisy():
     robot = small_robot(2)
-    data, places = scanned(robot, 2, 7, 3)
+    data, places = scanned(robot, 2, 5, 3)
     independent = Independent(robot, data)
     return robot, data, independent, independent.fit(places)
 
@@ -112,7 +112,7 @@ def test_noisy_points_are_fitted_as_by_least_squares_over_all(noisy, method, com
     np.testing.assert_allclose(fit.chi_squared, 2.0 * wanted.cost, rtol=1e-8)
     marginal = np.linalg.inv(wanted.jac.T @ wanted.jac)[:2, :2]
     np.testing.assert_allclose(fit.covariance, marginal * np.outer(independent.scale, independent.scale), rtol=1e-4)
-    assert fit.degrees_of_freedom == 2 * 7 * 3 - 2 * 7 - 2
+    assert fit.degrees_of_freedom == 2 * 5 * 3 - 2 * 5 - 2
     assert fit.labels == NAMES
     assert list(fit.values) == list(fit.standard_errors) == fit.names == NAMES
 
@@ -122,9 +122,9 @@ def test_noisy_points_are_fitted_as_by_least_squares_over_all(noisy, method, com
 
 @pytest.mark.parametrize("loss", ["squared", "huber"])
 def test_order_is_kept_where_noise_breaks_it(loss):
-    """Twenty points, 4 mm apart: arc lengths are the best ones in order on the shape found, by SLSQP to 1e-7."""
+    """Fourteen points, 6 mm apart: arc lengths are the best ones in order on the shape found, by SLSQP to 1e-7."""
     robot = small_robot(2)
-    data, _ = scanned(robot, 1, 20, 5, noise=2.0 * SIGMA, ordered=True)
+    data, _ = scanned(robot, 1, 14, 5, noise=3.0 * SIGMA, ordered=True)
     (measured,) = data[0].measurements
     loose = attrs.evolve(data[0], measurements=[attrs.evolve(measured, ordered=False)])
     fit, other = (fitted(robot, [each], NAMES[:1], loss=loss) for each in (data[0], loose))
@@ -142,8 +142,8 @@ def test_order_is_kept_where_noise_breaks_it(loss):
         far = squared > threshold**2
         return np.where(far, threshold * np.sqrt(squared) - 0.5 * threshold**2, 0.5 * squared).sum()
 
-    steps = {"type": "ineq", "fun": np.diff, "jac": lambda _: np.diff(np.eye(20), axis=0)}
-    start = told(fit) / shape.length + 2e-3 * np.arange(-10, 10)
+    steps = {"type": "ineq", "fun": np.diff, "jac": lambda _: np.diff(np.eye(14), axis=0)}
+    start = told(fit) / shape.length + 2e-3 * np.arange(-7, 7)
     best = minimize(cost, start, method="SLSQP", constraints=steps, options={"ftol": 1e-13, "maxiter": 200})
     np.testing.assert_allclose(fit.objective, best.fun, rtol=1e-7)
 
@@ -181,6 +181,27 @@ def test_the_tip_may_move(name, method):
     fit = ctr.CalibrationProblem(robot, data, [unknown], tolerance=1e-9, compiled=True).solve(method=method)
     np.testing.assert_allclose(fit.values[name], wanted, rtol=0.0, atol=1e-7)
     np.testing.assert_allclose(told(fit), np.concatenate(places), rtol=0.0, atol=1e-7)
+
+
+def test_the_tip_may_pass_from_tube_to_tube():
+    """Two ends together, one of which moves by an offset to a point 1 mm ahead: all ways agree, errors to 1e-6."""
+    robot = small_robot(2)
+    held = ctr.Actuation([0.4, -0.3], 0.07 - np.array([tube.length for tube in robot.tubes]))
+    shape = solve(robot, held, [ctr.PointWrench([0.2, -0.1, 0.1])], 1e-11)
+    ahead = shape.tip_pose @ [0.0, 0.0, 1e-3, 1.0]
+    on = ctr.BackboneMeasurement(np.vstack((shape.position([0.03, 0.05, 0.07]), ahead[:3])), SIGMA)
+    data = [ctr.Experiment(held, shape.loads, [on])]
+    unknown = ctr.Parameter("tubes[1].translation_offset", scale=0.01)
+    fits = [
+        ctr.CalibrationProblem(robot, data, [unknown], tolerance=1e-9, compiled=compiled).solve(method=method)
+        for compiled in (True, False)
+        for method in ("simultaneous", "reduced")
+    ]
+    for fit in fits:
+        np.testing.assert_allclose(flat(fit.values), flat(fits[0].values), rtol=0.0, atol=1e-8)
+        np.testing.assert_allclose(fit.deviations, fits[0].deviations, rtol=1e-6)
+        assert told(fit)[3] == pytest.approx(0.07 + flat(fit.values)[0], abs=1e-12)
+    np.testing.assert_allclose(fits[0].deviations, SIGMA, rtol=0.2)  # as of the one point at the tip
 
 
 # -- everything else a fit does ---------------------------------------------------------------------------------------
@@ -235,11 +256,11 @@ def test_leaving_out_and_holding_out(many):
 def test_profiles_and_bootstrap(many):
     """Half the squared distance in standard errors, to 10 % within one of them; spread within a factor of two."""
     _, _, fit = many
-    values, costs = fit.profile(NAMES[0], count=5, width=1.0)
+    values, costs = fit.profile(NAMES[0], count=3, width=1.0)
     wanted = 0.5 * ((values - fit.values[NAMES[0]]) / fit.standard_errors[NAMES[0]]) ** 2
     np.testing.assert_allclose(costs, wanted, rtol=0.1, atol=1e-6)
-    drawn = fit.bootstrap(25, seed=1)
-    assert drawn.shape == (25, 2)
+    drawn = fit.bootstrap(15, seed=1)
+    assert drawn.shape == (15, 2)
     ratio = drawn.std(axis=0) / fit.deviations
     assert ((ratio > 0.5) & (ratio < 2.0)).all()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +77,9 @@ class CompiledModel:
         model = self._model(robot, experiments, s)
         told = model.at(z)
         if told.failed.any():
-            told = model.moved(robot, _parted(robot, experiments, np.flatnonzero(told.failed))).at(z)
+            joints = _parted(robot, experiments, np.flatnonzero(told.failed))
+            ends = [tube.length for tube in robot.tubes] + joints[:, len(robot.tubes) :]
+            told = model.moved(robot, joints, self._places(np.minimum(s, ends.max(axis=1)[:, None]))).at(z)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
@@ -105,17 +106,17 @@ class CompiledModel:
         lengths = [tube.length for tube in robot.tubes]
         longest = [int(np.argmax(lengths + actuation.translations)) for actuation, _ in experiments]
         if self._kept is not None and self._fixed and self._kept[0] == longest:
-            return self._kept[1].moved(robot, _joints(experiments), {k: s[:, j] for j, k in enumerate(self._somewhere)})
+            return self._kept[1].moved(robot, _joints(experiments), self._places(s))
         probes = [
             _probes(own, tube, places) for own, tube, places in zip(self._requests, longest, s.tolist(), strict=True)
         ]
         self._kept = longest, Predictions(robot, self.acting, experiments, probes)
         return self._kept[1]
 
-    @cached_property
-    def _somewhere(self) -> list[int]:
-        """The probes that are somewhere."""
-        return [k for k, request in enumerate(self._requests[0]) if isinstance(request.place, Somewhere)]
+    def _places(self, s: Array) -> dict[int, Array]:
+        """Arc lengths of the probes that are somewhere, by their numbers."""
+        somewhere = [k for k, request in enumerate(self._requests[0]) if isinstance(request.place, Somewhere)]
+        return dict(zip(somewhere, s.T, strict=True))
 
 
 def _joints(experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Array:

@@ -370,7 +370,10 @@ class Estimation:
             state, n = np.array([states[k] for k in group.members]), len(group.unit)
             places = state[:, n:]
             length, length_x = self._length(group, x)
-            residuals, predictions, slopes = self._evaluate(group, x, state[:, :n], places * length[:, None])
+            s, shares = places * length[:, None], places
+            if group.symbolic is not None:  # what is beyond the tip it keeps at it, wherever that goes
+                s, shares = (np.where(places < 1.0, each, beyond) for each, beyond in ((s, np.inf), (places, 0.0)))
+            residuals, predictions, slopes = self._evaluate(group, x, state[:, :n], s)
             numbers = slopes.shape[-1]
             if group.sensors:
                 mountings = {name: self.unknowns.mounting(name, x) for name in group.sensors}
@@ -379,7 +382,7 @@ class Estimation:
             misfit, rates = group.comparison.compare(predictions)
             along = group.comparison.along(predictions)
             misfit_x = rates[..., n:numbers] @ group.mixing + rates[..., numbers:] @ group.mounting
-            misfit_x += (along @ places[..., None]) * length_x[:, None]
+            misfit_x += (along @ shares[..., None]) * length_x[:, None]
             parts = (slopes[..., n:] @ group.mixing, misfit, rates[..., :n], misfit_x, along * length[:, None, None])
             found.append(Linearized(residuals, slopes[..., :n], *parts, group.own, places))
         return found
