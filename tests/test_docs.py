@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import ctr_opt as ctr
+from ctr_opt.calibration_files import load_calibration
 
 
 def blocks(path, language):
@@ -45,6 +46,23 @@ def test_the_code_of_the_transcriptions_runs():
     shapes = [scope[name].solve(pose) for name in ("by_default", "radau", "fifth")]
     for shape in shapes[1:]:
         assert abs(shape.tip_position - shapes[0].tip_position).max() < 2e-7 * shape.length
+
+
+def test_the_code_of_the_calibration_runs(capsys):
+    (code,) = blocks("docs/calibration.md", "python")
+    scope = {}
+    exec(code, scope)
+    assert "sum of distances" in capsys.readouterr().out
+    assert scope["calibrated"].tubes[0].bending_stiffness == scope["fit"].values["tubes[0].bending_stiffness"]
+
+
+def test_the_file_of_a_calibration_loads(tmp_path):
+    (text,) = blocks("docs/calibration.md", "toml")
+    (tmp_path / "my_robot.toml").write_text(text)
+    for name, source in (("robot.toml", "robot_b.toml"), ("tip_poses.csv", "tip_poses.csv")):
+        (tmp_path / name).write_text(Path("problems/three_tubes", source).read_text("utf-8"))
+    given = load_calibration(tmp_path / "my_robot.toml")
+    assert (len(given.experiments), len(given.held)) == (800, 200)
 
 
 def test_the_readme_has_exactly_two_commands():
