@@ -27,6 +27,8 @@ from .forward import ForwardProblem as ForwardProblem
 from .inverse.calibration import CalibrationProblem as CalibrationProblem
 from .inverse.experiment import Experiment as Experiment
 from .inverse.fit import Fit as Fit
+from .inverse.force_estimate import ForceEstimate as ForceEstimate
+from .inverse.force_estimation import ForceEstimationProblem as ForceEstimationProblem
 from .inverse.measurements import BackboneMeasurement as BackboneMeasurement
 from .inverse.measurements import CurvatureMeasurement as CurvatureMeasurement
 from .inverse.measurements import Distal as Distal
@@ -36,6 +38,9 @@ from .inverse.measurements import PositionMeasurement as PositionMeasurement
 from .inverse.measurements import TangentMeasurement as TangentMeasurement
 from .inverse.measurements import TorqueMeasurement as TorqueMeasurement
 from .inverse.parameters import Parameter as Parameter
+from .inverse.unknown_loads import PointForce as PointForce
+from .inverse.unknown_loads import TipForce as TipForce
+from .inverse.unknown_loads import TipWrench as TipWrench
 from .plans import Plan as Plan
 from .plans import load_plan as load_plan
 from .robot.actuation import Actuation as Actuation

@@ -6,6 +6,7 @@ entry point are from one, where the robot would then be, and how both change wit
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import Any, TypeAlias
@@ -122,6 +123,7 @@ class Predictions:
         places = [_places(robot, actuation, own) for (actuation, _), own in every]
         self._rows = [_rows(robot, loads, own) for (_, loads), own in zip(experiments, places, strict=True)]
         self._addresses = np.array([rows.address for rows in self._rows], dtype=np.uintp)
+        self._loads = [tuple(loads) for _, loads in experiments]
         self._actuations = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
         _check(robot, names, *experiments[0])
         self._ask(self._directions(names, experiments, len(places[0])), places)
@@ -148,6 +150,24 @@ class Predictions:
             other._rows = [rows.placed(numbers, own) for rows, own in zip(self._rows, where, strict=True)]
             other._addresses = np.array([rows.address for rows in other._rows], dtype=np.uintp)
         return other
+
+    def numbers(self, name: str, experiment: int = 0) -> Array:
+        """A view of an experiment's own numbers; what is written there counts from then on.
+
+        ``"loads[k].force"``, ``"loads[k].moment"``, ``"loads[k].arc_length"``, ``"probes[k].arc_length"``,
+        ``"rotations"`` or ``"translations"``. Copies that were ``moved`` see it, too.
+        """
+        tubes = len(self.robot.tubes)
+        if name in ("rotations", "translations"):
+            own = self._actuations[experiment]
+            return np.asarray(own[:tubes] if name == "rotations" else own[tubes:])
+        match = re.fullmatch(r"(loads|probes)\[(\d+)\]\.(force|moment|arc_length)", name)
+        if match is None:
+            raise DefinitionError(f"{name!r} names no numbers of a load, a probe or an actuation")
+        k, rows = int(match[2]), self._rows[experiment]
+        if match[1] == "probes":
+            return rows.numbers(None, k, match[3])
+        return rows.numbers(self._loads[experiment][k], rows.rows[k], match[3])
 
     def _directions(self, names: Sequence[str], experiments: Sequence[Experiment], probes: int) -> list[Directions]:
         """Of each experiment; those whose loads are alike share them."""

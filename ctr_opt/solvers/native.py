@@ -92,6 +92,13 @@ class LoadRows:
         other.address = ctypes.addressof(other._struct)
         return other
 
+    def numbers(self, load: Load | None, row: int, field: str) -> NDArray[np.float64]:
+        """A view of a load's numbers, in the row where it stands, or of a probe's (None): may be written to."""
+        spans = isinstance(load, (DistributedLoad, DistributedMass))
+        table, first = (self._span, 4) if spans else (self._point, 3)
+        parts = {"arc_length": slice(0, 1), "force": slice(first, first + 3), "moment": slice(first + 3, first + 6)}
+        return np.asarray(table[row, parts[field]])
+
     @classmethod
     def of(
         cls, robot: Robot, loads: Sequence[Load], probes: Sequence[tuple[float | None, int]] = ()

@@ -1,0 +1,276 @@
+"""What is sought and seen in one estimate of loads, in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError, EstimationError
+from ..mechanics.sections import Configuration
+from ..robot.checks import Array
+from ..robot.loads import Load
+from ..robot.parameters import parameters
+from ..robot.replacing import loads_with
+from ..robot.robot import Robot
+from .comparison import Comparison
+from .compiled_model import euler_rates
+from .experiment import Experiment
+from .fit import Fit
+from .load_solver import Search, Seen, Sought, blocks
+from .loaded_model import loaded_model
+from .losses import Loss
+from .measurements import Measurement, Somewhere, arc_length_of
+from .places import orders
+from .unknown_loads import PointForce, UnknownLoad
+
+_INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
+_VIRTUAL_STEPS = 8  # in each section, in the virtual machine
+
+
+@attrs.frozen(eq=False)
+class Errors:
+    """Numbers of the model that are known with errors only: their names, and a factor of their covariance."""
+
+    names: tuple[str, ...]
+    spread: Array
+
+    @classmethod
+    def of(cls, robot: Robot, experiment: Experiment, fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
+        """Of a calibrated robot's parameters and of the actuation, as far as they act."""
+        if fit is None and all(sigma is None for sigma in joints.values()):
+            return cls((), np.zeros((0, 0)))
+        known = parameters(robot, experiment.actuation, experiment.loads)
+        parts = [] if fit is None else _of_fit(fit, {name: each.size for name, each in known.items() if not each.idle})
+        parts += [{name: np.diag(sigma)} for name, sigma in joints.items() if sigma is not None]
+        names = tuple(dict.fromkeys(name for part in parts for name in part))
+        columns = [np.vstack([_padded(part, name, known[name].size) for name in names]) for part in parts]
+        return cls(names, np.hstack(columns) if columns else np.zeros((0, 0)))
+
+
+def _padded(part: Mapping[str, Array], name: str, size: int) -> Array:
+    return part[name] if name in part else np.zeros((size, next(iter(part.values())).shape[1]))
+
+
+def _of_fit(fit: Fit, sizes: Mapping[str, int]) -> list[dict[str, Array]]:
+    """How the numbers of the model follow standard normal errors of a fit's parameters."""
+    if not isinstance(fit, Fit):
+        raise DefinitionError(f"fit = {fit!r} must be a Fit")
+    unknowns = fit.estimation.unknowns
+    rows: dict[str, Array] = {}
+    for name, first, part in unknowns.acting(-1):
+        if name in sizes:
+            own = rows.setdefault(name, np.zeros((sizes[name], unknowns.size)))
+            own[first : first + len(part)] += part
+    if not rows:
+        return []
+    used = np.flatnonzero(np.any([own.any(axis=0) for own in rows.values()], axis=0))
+    covariance = fit.covariance[np.ix_(used, used)]
+    if not np.isfinite(covariance).all():
+        raise EstimationError(
+            f"fit leaves parameters of the robot open: {'; '.join(map(str, fit.undetermined))}; no error of a force "
+            "can be told"
+        )
+    if "base.rotation" in rows:
+        rows["base.rotation"] = euler_rates(np.asarray(fit.values["base.rotation"])) @ rows["base.rotation"]
+    values, vectors = np.linalg.eigh(covariance)
+    factor = vectors * np.sqrt(np.maximum(values, 0.0))
+    return [{name: own[:, used] @ factor for name, own in rows.items()}]
+
+
+@attrs.frozen(eq=False)
+class Numbered:
+    """Unknown loads, the loads that stand for them, and the names, labels and parts of their numbers.
+
+    ``names`` are those of the model, whose first ``first`` loads are known.
+    """
+
+    unknown: tuple[UnknownLoad, ...]
+    first: int
+    templates: tuple[Load, ...]
+    names: tuple[str, ...]
+    labels: tuple[str, ...]
+    parts: tuple[slice, ...]
+
+    @classmethod
+    def of(cls, unknown: tuple[UnknownLoad, ...], first: int) -> Numbered:
+        """Behind so many known loads."""
+        templates: list[Load] = []
+        names: list[str] = []
+        labels: list[str] = []
+        parts = []
+        for k, each in enumerate(unknown):
+            own = each.sought
+            prefix = f"unknown[{k}]." if len(unknown) > 1 else ""
+            names += [f"loads[{first + len(templates) + number.load}].{number.field}" for number in own]
+            parts.append(slice(len(labels), len(labels) + sum(number.size for number in own)))
+            labels += [prefix + label for number in own for label in number.labels]
+            templates += each.loads()
+        return cls(unknown, first, tuple(templates), tuple(names), tuple(labels), tuple(parts))
+
+    def where(self, field: str) -> list[slice]:
+        """Where the numbers of a field stand, of every unknown load that has it."""
+        found = []
+        for part, unknown in zip(self.parts, self.unknown, strict=True):
+            start = part.start
+            for number in unknown.sought:
+                if number.field == field:
+                    found.append(slice(start, start + number.size))
+                start += number.size
+        return found
+
+    def loads_at(self, known: Sequence[Load], numbers: Array) -> list[Load]:
+        """The known loads and those sought, with the numbers of the model."""
+        values: dict[str, Any] = {}
+        start = 0
+        for name in self.names:
+            size = 1 if name.endswith("arc_length") else 3
+            k, field = int(name[6 : name.index("]")]), name.rpartition(".")[2]
+            own = numbers[start : start + size]
+            values[f"loads[{k - self.first}].{field}"] = float(own[0]) if size == 1 else own
+            start += size
+        return [*known, *loads_with(self.templates, values)]
+
+
+@attrs.frozen(eq=False)
+class Case:
+    """An experiment, the loads sought in it, and the search for them.
+
+    ``forces``: the numbers' scales where they are forces, zero elsewhere.
+    """
+
+    robot: Robot
+    experiment: Experiment
+    numbered: Numbered
+    errors: Errors
+    loss: str
+    compiled: bool | None
+    ends: Array
+    search: Search
+    forces: Array
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        experiment: Experiment,
+        unknown: tuple[UnknownLoad, ...],
+        errors: Errors,
+        loss: str,
+        compiled: bool | None,
+        before: Case | None,
+    ) -> Case:
+        """A case; the model of the one ``before`` is used again where it serves."""
+        ends = np.array([tube.length for tube in robot.tubes]) + experiment.actuation.translations
+        _check_places(experiment, ends)
+        if before is not None and before.serves(experiment, errors):
+            return before.again(experiment, ends)
+        numbered = Numbered.of(unknown, len(experiment.loads))
+        every = (*experiment.loads, *numbered.templates)
+        configuration = Configuration(robot, experiment.actuation, every)
+        model = loaded_model(
+            robot,
+            experiment.actuation,
+            every,
+            numbered.names,
+            errors.names,
+            experiment.requests,
+            compiled,
+            _VIRTUAL_STEPS,
+        )
+        unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
+        sought, forces = _sought(robot, numbered, ends, errors)
+        starts, sizes = blocks([each.shape for each in experiment.measurements])
+        losses = {size: Loss(loss, size) for size in set(sizes.tolist())}
+        comparison = Comparison([experiment.measurements], _whitener(loss))
+        seen = Seen(comparison, starts, sizes, losses, orders(experiment))
+        search = Search(model, unit, float(ends.max()), sought, seen)
+        return cls(robot, experiment, numbered, errors, loss, compiled, ends, search, forces)
+
+    def serves(self, experiment: Experiment, errors: Errors) -> bool:
+        """Whether its model serves another experiment, too."""
+        own = self.experiment
+        return (
+            own.requests == experiment.requests
+            and [type(each) for each in own.measurements] == [type(each) for each in experiment.measurements]
+            and own.loads == experiment.loads
+            and self.errors.names == errors.names
+            and np.array_equal(self.errors.spread, errors.spread)
+        )
+
+    def again(self, experiment: Experiment, ends: Array) -> Case:
+        """The same for an experiment that it serves."""
+        search = self.search
+        search.model.actuated(experiment.actuation)
+        sought = search.sought
+        if not np.array_equal(ends, self.ends):
+            sought = _sought(self.robot, self.numbered, ends, self.errors)[0]
+        seen = attrs.evolve(search.seen, comparison=Comparison([experiment.measurements], _whitener(self.loss)))
+        search = Search(search.model, search.unit, float(ends.max()), sought, seen)
+        return attrs.evolve(self, experiment=experiment, ends=ends, search=search)
+
+    @property
+    def start(self) -> Array:
+        """What is likely before anything was seen."""
+        sought = self.search.sought
+        return np.clip(sought.prior_mean, sought.lower, sought.upper)
+
+    @property
+    def contacts(self) -> list[slice]:
+        """Where the numbers of unknown loads at unknown places stand."""
+        both = zip(self.numbered.parts, self.numbered.unknown, strict=True)
+        return [part for part, each in both if any(number.field == "arc_length" for number in each.sought)]
+
+    def loads_at(self, x: Array) -> list[Load]:
+        """Known loads and those sought, with these numbers."""
+        return self.numbered.loads_at(self.experiment.loads, self.search.sought.mixing @ x)
+
+    def whitener(self, measurement: Measurement) -> Array:
+        """By what a measurement's residuals are multiplied."""
+        return np.asarray(_whitener(self.loss)(measurement))
+
+    def loss_of_points(self, squared: Array) -> Array:
+        """Of the squared whitened distances of points."""
+        return self.search.seen.losses[3].evaluate(squared)[0]
+
+
+def _whitener(loss: str) -> Any:
+    return lambda measurement: measurement.isotropic if loss == "distance" else measurement.whitener
+
+
+def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tuple[Sought, Array]:
+    from scipy.linalg import block_diag
+
+    length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
+    scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
+    size = len(numbered.labels)
+    mean, scale, forces = (np.zeros(size) for _ in range(3))
+    lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
+    information = []
+    for part, each in zip(numbered.parts, numbered.unknown, strict=True):
+        known = each.known_before
+        information.append(np.zeros((part.stop - part.start,) * 2) if known is None else known.information)
+        mean[part] = 0.0 if known is None else known.mean
+        if isinstance(each, PointForce) and each.arc_length is None:
+            lower[part.stop - 1], upper[part.stop - 1] = _INSIDE * length, ends[each.tube] - _INSIDE * length
+    for field, value in scales.items():
+        for part in numbered.where(field):
+            scale[part] = value
+            forces[part] = value if field == "force" else 0.0
+    found = Sought(np.eye(size), scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
+    return found, forces
+
+
+def _check_places(experiment: Experiment, ends: Array) -> None:
+    for k, measurement in enumerate(experiment.measurements):
+        for request in measurement.requests:
+            if isinstance(request.place, Somewhere):
+                continue
+            s = arc_length_of(request.place, ends)
+            end = ends.max() if request.tube is None or request.kind in ("torque", "force") else ends[request.tube]
+            if s < 0.0 or s > end + 1e-9 * ends.max():
+                raise DefinitionError(
+                    f"measurements[{k}] is at s = {s:g} m, but what is measured reaches from 0 to {end:g} m there"
+                )

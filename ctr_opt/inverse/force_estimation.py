@@ -1,0 +1,215 @@
+"""Intrinsic force estimation: what presses on a robot, from its shape (paper, sections I and IV)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..equilibrium import Equilibrium
+from ..errors import DefinitionError, EstimationError, SolveError
+from ..forward import ForwardProblem
+from ..robot.actuation import Actuation
+from ..robot.checks import Array, array, choice, flag, index, number
+from ..robot.loads import Load
+from ..robot.robot import Robot
+from .contact_search import contacts
+from .experiment import Experiment
+from .fit import Fit
+from .force_case import Case, Errors
+from .force_estimate import ForceEstimate
+from .load_solver import State
+from .losses import LOSSES
+from .measurements import Measurement
+from .places import nearest
+from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
+
+UNKNOWN_LOADS = (TipForce, TipWrench, PointForce)
+_SAME = 1e-4  # of the loads' scales: solutions closer to each other are one
+_SEED = 0
+
+
+class ForceEstimationProblem:
+    """Find the loads that explain a robot's measured shape, and how well the shape determines them.
+
+    Parameters
+    ----------
+    robot
+        The robot, calibrated.
+    unknown
+        What is sought: :class:`TipForce`, :class:`TipWrench`, :class:`PointForce`, one or several.
+    prior
+        Mean and standard deviation of the forces, N, known before, of those unknown loads that have none of their own.
+    loss
+        ``"squared"`` for normal errors; ``"huber"`` or ``"cauchy"`` where points may be outliers; ``"distance"``.
+    rotation_sigma, translation_sigma
+        Standard deviations of the given actuation: numbers or one for each tube, rad and m. Default: it is exact.
+    tolerance
+        Of the forward solves, as in :class:`~ctr_opt.ForwardProblem`.
+    compiled
+        As in :class:`~ctr_opt.CalibrationProblem`.
+    starts
+        From how many the search sets out, where loads may be large enough for several answers: the first from the
+        prior's mean, others (seeded) around it.
+
+    Raises
+    ------
+    DefinitionError
+        Names the field, the value and what is allowed.
+
+    Examples
+    --------
+    The force at the tip of a rod from its position and direction:
+
+    >>> import ctr_opt as ctr
+    >>> rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)])
+    >>> held = ctr.Actuation([0.0], [0.0])
+    >>> pushed = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.2, 0.1, 0.0])])
+    >>> seen = ctr.PositionMeasurement([0.05, 0.1], pushed.position([0.05, 0.1]), sigma=1e-4)
+    >>> estimate = ctr.ForceEstimationProblem(rod, [ctr.TipForce()]).solve(held, [seen])
+    >>> estimate.force.round(4).tolist()
+    [0.2, 0.1, 0.0]
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        unknown: UnknownLoad | Sequence[UnknownLoad],
+        *,
+        prior: Any = None,
+        loss: str = "squared",
+        rotation_sigma: Any = None,
+        translation_sigma: Any = None,
+        tolerance: float = 1e-7,
+        compiled: bool | None = None,
+        starts: int = 1,
+    ) -> None:
+        if not isinstance(robot, Robot):
+            raise DefinitionError(f"robot = {robot!r} must be a Robot")
+        self.robot = robot
+        self.unknown = _unknown(unknown, len(robot.tubes), prior)
+        self.loss = choice(loss, "loss", LOSSES)
+        self.tolerance = number(tolerance, "tolerance", least=1e-11, most=1e-2)
+        self._compiled = compiled if compiled is None else flag(compiled, "compiled")
+        tubes = len(robot.tubes)
+        self._actuation_sigma = {
+            "rotations": _deviations(rotation_sigma, "rotation_sigma", tubes),
+            "translations": _deviations(translation_sigma, "translation_sigma", tubes),
+        }
+        self._forward = ForwardProblem(robot, tolerance=self.tolerance, compiled=self._compiled)
+        self.starts = index(starts - 1, "starts - 1") + 1
+        self._kept: Case | None = None
+
+    # -- solving ---------------------------------------------------------------------------------------------------
+
+    def solve(
+        self,
+        actuation: Actuation,
+        measurements: Measurement | Sequence[Measurement],
+        loads: Sequence[Load] = (),
+        fit: Fit | None = None,
+        initial: ForceEstimate | None = None,
+    ) -> ForceEstimate:
+        """Estimate the loads.
+
+        Parameters
+        ----------
+        actuation
+            Of the robot when it was measured.
+        measurements
+            Any mix, each with its ``sigma``.
+        loads
+            Loads that are known: gravity and the like.
+        fit
+            The calibration that the robot is from: the errors of its parameters are counted among those of the loads.
+        initial
+            An earlier estimate of the same unknown loads, close by: the search starts there.
+
+        Raises
+        ------
+        EstimationError
+            No loads were found: what was tried, how far it got and what to do.
+        """
+        experiment = _experiment(self.robot, actuation, measurements, loads)
+        case = self._case(experiment, fit)
+        found = [] if initial is None else [case.search.solve(*self._near(case, initial))]
+        states = [state for state in found if state is not None] or self._from_nothing(case)
+        if not states:
+            raise EstimationError(
+                "no loads were found: from no start could the equations of the robot and the measurements be met "
+                "together. Check actuation, frame and units of the measurements; a prior of the force, or an initial "
+                "estimate, helps where loads are large"
+            )
+        return ForceEstimate(self._forward, case, states)
+
+    def _case(self, experiment: Experiment, fit: Fit | None) -> Case:
+        errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
+        case = Case.of(self.robot, experiment, self.unknown, errors, self.loss, self._compiled, self._kept)
+        self._kept = case
+        return case
+
+    def _near(self, case: Case, initial: ForceEstimate) -> tuple[Array, Array, Array]:
+        if not isinstance(initial, ForceEstimate) or initial.labels != case.numbered.labels:
+            raise DefinitionError(f"initial = {initial!r} must be a ForceEstimate of the same unknown loads")
+        state = initial.state
+        same = len(state.places) == case.search.seen.places and not len(state.places)
+        return state.z, state.x, state.places if same else self._places(case, initial.shape)
+
+    def _places(self, case: Case, shape: Equilibrium) -> Array:
+        return nearest(case.experiment, shape, case.whitener, case.loss_of_points)
+
+    def _from_nothing(self, case: Case) -> list[State]:
+        """From the robot without the unknown loads, and where contacts are sought, from places that look likely."""
+        try:
+            shape = self._forward.solve(case.experiment.actuation, case.experiment.loads)
+        except SolveError as error:
+            raise EstimationError(f"without the unknown loads the robot has no equilibrium: {error}") from error
+        places = self._places(case, shape)
+        starts = contacts(case, shape.unknowns, places) if case.contacts else [case.start]
+        rng = np.random.default_rng(_SEED)
+        starts += [case.start + case.forces * rng.normal(size=len(case.start)) for _ in range(self.starts - 1)]
+        found: list[State] = []
+        for x in starts:
+            state = case.search.solve(shape.unknowns, x, places)
+            if state is not None and not any(_same(case, state, other) for other in found):
+                found.append(state)
+        return sorted(found, key=lambda state: state.cost)
+
+
+def _same(case: Case, a: State, b: State) -> bool:
+    return bool(np.abs((a.x - b.x) / case.search.sought.scale).max() < _SAME)
+
+
+def _deviations(value: Any, field: str, tubes: int) -> Array | None:
+    if value is None:
+        return None
+    given = np.broadcast_to(array(value, field, (None,) * np.ndim(value)), (tubes,))
+    if not (given > 0.0).all():
+        raise DefinitionError(f"{field} = {value!r} must be positive: a number, or one for each of {tubes} tubes")
+    return np.array(given)
+
+
+def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
+    every = (given,) if isinstance(given, UNKNOWN_LOADS) else tuple(given or ())
+    if not every:
+        raise DefinitionError("unknown = [] must name at least one load")
+    for k, each in enumerate(every):
+        if not isinstance(each, UNKNOWN_LOADS):
+            names = ", ".join(kind.__name__ for kind in UNKNOWN_LOADS)
+            raise DefinitionError(f"unknown[{k}] = {each!r} must be one of {names}")
+        if isinstance(each, PointForce):
+            index(each.tube, f"unknown[{k}].tube", tubes)
+    return tuple(each if each.prior is not None else attrs.evolve(each, prior=prior) for each in every)
+
+
+def _experiment(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:
+    experiment = Experiment(actuation, loads, measurements)
+    if len(actuation.rotations) != len(robot.tubes):
+        raise DefinitionError(f"actuation is of {len(actuation.rotations)} tubes, but the robot has {len(robot.tubes)}")
+    for k, each in enumerate(experiment.measurements):
+        each.check(len(robot.tubes))
+        if not each.scaled:
+            raise DefinitionError(f"measurements[{k}]: sigma is needed, or nobody knows how well the force is")
+    return experiment

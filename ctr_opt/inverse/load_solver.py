@@ -1,0 +1,247 @@
+"""Loads from measurements: the steps of Gauss and Newton in loads, places of points and the robot's state together.
+
+The equations of the equilibrium are linearized with the measurements, so that the state follows the loads to first
+order and both arrive together; no equilibrium is solved for on the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import EstimationError
+from ..robot.checks import Array
+from .comparison import Comparison
+from .loaded_model import LoadedModel
+from .losses import Loss
+from .places import Orders, free, moved
+
+_MOST_STEPS = 60
+_ARRIVED = 1e-5  # standard deviations of the loads: a step so short is the last
+_BALANCED = 1e-9  # of the moments' size: what the equilibrium may be off
+_NEAR = 0.3  # of the moments' size: farther off, the equilibrium is not told by its linearization
+_BLIND = 1e3  # scaled standard deviation from which a direction is not moved along, as nothing is known of it
+_CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where there is no way on
+
+
+@attrs.frozen(eq=False)
+class Sought:
+    """What is sought and how the model takes it: ``numbers = mixing @ x``, by their scale, prior and bounds.
+
+    ``spread (others, q)``: factor of the covariance of the model's other numbers, which are known with errors only:
+    they change by ``spread @ e``, where ``e`` is standard normal.
+    """
+
+    mixing: Array
+    scale: Array
+    prior_mean: Array
+    prior_information: Array
+    lower: Array
+    upper: Array
+    spread: Array
+
+
+@attrs.frozen(eq=False)
+class Seen:
+    """Measurements: the comparison, the losses of their blocks, which start at ``starts``, and points' orders."""
+
+    comparison: Comparison
+    starts: NDArray[np.intp]
+    sizes: NDArray[np.intp]
+    losses: dict[int, Loss]
+    orders: Orders
+
+    @property
+    def places(self) -> int:
+        """How many arc lengths are estimated."""
+        return self.orders[-1][1] if self.orders else 0
+
+    def weights(self, misfit: Array) -> tuple[float, Array]:
+        """The loss, and by what each number's square counts in it."""
+        squared = np.add.reduceat(misfit**2, self.starts)
+        if len(self.losses) == 1:
+            rho, first, _ = next(iter(self.losses.values())).evaluate(squared)
+        else:
+            parts = [self.losses[size].evaluate(squared[b]) for b, size in enumerate(self.sizes.tolist())]
+            rho, first = (np.array([part[i] for part in parts]) for i in (0, 1))
+        return float(rho.sum()), np.asarray(np.repeat(2.0 * first, self.sizes), dtype=np.float64)
+
+
+@attrs.frozen(eq=False)
+class State:
+    """Where a search is: base moments ``z``, loads ``x``, places, errors ``e``; and everything there to first order.
+
+    ``misfit`` and its ``slopes`` by ``x`` and ``e`` with the robot kept in equilibrium, and ``along`` by places;
+    ``follow (n, 1 + k)``: Newton's step of ``z``, and how it follows ``x``; the errors ``e`` are in the misfit alone.
+    """
+
+    z: Array
+    x: Array
+    places: Array
+    e: Array
+    misfit: Array
+    slopes: Array
+    along: Array
+    follow: Array
+    off: float
+    cost: float
+    weights: Array
+    decrement: float = np.inf
+
+
+@attrs.frozen(eq=False)
+class Search:
+    """Measurements of one robot at rest, and the loads sought."""
+
+    model: LoadedModel
+    unit: Array
+    length: float
+    sought: Sought
+    seen: Seen
+
+    # -- evaluation ------------------------------------------------------------------------------------------------
+
+    def at(self, z: Array, x: Array, places: Array, e: Array) -> State | None:
+        """The state there; None where the model cannot be evaluated."""
+        sought, n = self.sought, self.model.unknowns
+        try:
+            told = self.model.at(z, sought.mixing @ x, places * self.length)
+        except EstimationError:
+            return None
+        count = sought.mixing.shape[0]
+        misfit, rates = (each[0] for each in self.seen.comparison.compare(told.predictions))
+        by_z, by_x = told.slopes[:, :n], told.slopes[:, n : n + count] @ sought.mixing
+        by_e = told.slopes[:, n + count :] @ sought.spread
+        try:
+            follow = -np.linalg.solve(by_z, np.column_stack((told.residual, by_x, by_e)))
+        except np.linalg.LinAlgError:
+            return None
+        every = np.column_stack((np.zeros(len(misfit)), rates[:, n : n + count] @ sought.mixing))
+        every = np.hstack((every, rates[:, n + count :] @ sought.spread)) + rates[:, :n] @ follow
+        if not np.isfinite(every).all():
+            return None
+        slopes = every[:, 1:]
+        misfit = np.asarray(misfit + every[:, 0] + slopes[:, len(x) :] @ e, dtype=np.float64)
+        along = np.zeros((len(misfit), 0))
+        if self.seen.places:
+            along = self.seen.comparison.along(told.predictions)[0] * self.length
+        cost, weights = self.seen.weights(misfit)
+        off = float(np.abs(follow[:, 0] / self.unit).max())
+        d = x - sought.prior_mean
+        cost += 0.5 * float(d @ sought.prior_information @ d + e @ e)
+        return State(z, x, places, e, misfit, slopes, along, np.asarray(follow[:, : 1 + len(x)]), off, cost, weights)
+
+    # -- search ----------------------------------------------------------------------------------------------------
+
+    def solve(self, z: Array, x: Array, places: Array) -> State | None:
+        """The least loss nearby; None where no way leads on."""
+        state = self.at(z, np.clip(x, self.sought.lower, self.sought.upper), places, np.zeros(self.errors))
+        damping = 0.0
+        for _ in range(_MOST_STEPS):
+            if state is None:
+                return None
+            found, damping, decrement = self._stepped(state, damping)
+            if found is None:
+                return None
+            state = found
+            if decrement < _ARRIVED**2 and state.off < _BALANCED:
+                return attrs.evolve(state, decrement=decrement)
+        return None
+
+    @property
+    def errors(self) -> int:
+        """How many standard normal errors of other numbers there are."""
+        return int(self.sought.spread.shape[1])
+
+    def _stepped(self, state: State, damping: float) -> tuple[State | None, float, float]:
+        """The next state, not worse than this one; the damping it took; the squared length of the step."""
+        normal = Normal.of(self, state)
+        while damping < _MOST_DAMPING:
+            dx, de = normal.step(state, damping)
+            places = normal.places(state, np.concatenate((dx, de)))
+            z = state.z + state.follow @ np.concatenate(([1.0], dx))
+            found = self.at(z, state.x + dx, places, state.e + de)
+            if found is not None and found.off < _NEAR and found.cost <= state.cost + 1e-9 * (1.0 + abs(state.cost)):
+                whole = np.concatenate((dx, de))
+                return found, 0.0 if damping < 1e-6 else 0.1 * damping, float(whole @ normal.matrix @ whole)
+            damping = max(10.0 * damping, 1e-3)
+        return None, damping, np.inf
+
+
+@attrs.frozen(eq=False)
+class Normal:
+    """The second-order model of the loss by ``x`` and ``e``, places following at their best."""
+
+    matrix: Array
+    gradient: Array
+    scale: Array
+    lower: Array
+    upper: Array
+    by_place: Array
+    curvatures: Array
+    pulls: Array
+    orders: Orders
+
+    @classmethod
+    def of(cls, search: Search, state: State) -> Normal:
+        """At a state."""
+        sought, k = search.sought, len(state.x)
+        weighted = state.weights[:, None] * state.slopes
+        matrix, gradient = state.slopes.T @ weighted, weighted.T @ state.misfit
+        matrix[:k, :k] += sought.prior_information
+        gradient[:k] += sought.prior_information @ (state.x - sought.prior_mean)
+        those = np.arange(k, len(gradient))
+        matrix[those, those] += 1.0
+        gradient[k:] += state.e
+        by_place = state.along.T @ weighted
+        curvatures = np.einsum("nk,n,nk->k", state.along, state.weights, state.along)
+        pulls = state.along.T @ (state.weights * state.misfit)
+        if len(curvatures):
+            ways = free(state.places, search.seen.orders)
+            own = ways.T @ curvatures
+            used = own > 0.0
+            rows, at = (ways.T @ by_place)[used], (ways.T @ pulls)[used]
+            matrix = matrix - rows.T @ (rows / own[used, None])
+            gradient = gradient - rows.T @ (at / own[used])
+        infinite = np.full(search.errors, np.inf)
+        lower, upper = np.append(sought.lower, -infinite), np.append(sought.upper, infinite)
+        scale = np.append(sought.scale, np.ones(search.errors))
+        return cls(matrix, gradient, scale, lower, upper, by_place, curvatures, pulls, search.seen.orders)
+
+    def step(self, state: State, damping: float) -> tuple[Array, Array]:
+        """Towards the least, within bounds; not along directions of which nothing is known."""
+        at = np.concatenate((state.x, state.e))
+        held = np.zeros(len(at), dtype=bool)
+        step = np.zeros(len(at))
+        for _ in range(len(at) + 1):
+            step[~held] = self._free_step(~held, self.gradient + self.matrix[:, held] @ step[held], damping)
+            beyond = ~held & ((at + step < self.lower) | (at + step > self.upper))
+            if not beyond.any():
+                break
+            step[beyond] = np.clip(at + step, self.lower, self.upper)[beyond] - at[beyond]
+            held |= beyond
+        return step[: len(state.x)], step[len(state.x) :]
+
+    def _free_step(self, those: NDArray[np.bool_], gradient: Array, damping: float) -> Array:
+        scale = self.scale[those]
+        matrix = self.matrix[np.ix_(those, those)] * np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(matrix + damping * np.diag(np.diag(matrix) + _CALM))
+        known = values > _BLIND**-2
+        along = vectors[:, known]
+        return np.asarray(-scale * (along @ ((along.T @ (scale * gradient[those])) / values[known])))
+
+    def places(self, state: State, step: Array) -> Array:
+        """Where the points go with a step."""
+        if not len(self.curvatures):
+            return state.places
+        pulls = self.pulls + self.by_place @ step
+        return moved(state.places, pulls, np.maximum(self.curvatures, 1e-300), self.orders)
+
+
+def blocks(shapes: Sequence[tuple[int, int]]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Where blocks of misfits start, and their sizes, of measurements of these shapes."""
+    sizes = np.array([size for count, size in shapes for _ in range(count)], dtype=np.intp)
+    return np.concatenate(([0], np.cumsum(sizes)[:-1])).astype(np.intp), sizes

@@ -1,0 +1,154 @@
+"""One robot at rest under loads that are sought: its equations and predictions with derivatives, evaluated in place.
+
+Where a shape is looked at again and again, as by a controller, nothing may be built anew: the numbers of loads and the
+places of points are written into what the model reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import attrs
+import numpy as np
+
+from ..errors import EstimationError
+from ..mechanics.sections import Configuration
+from ..predictions import Predictions, Probe
+from ..robot.actuation import Actuation
+from ..robot.checks import Array
+from ..robot.loads import Load
+from ..robot.parameters import parameters
+from ..robot.robot import Robot
+from .compiled_model import compilable
+from .measurements import Distal, Predicted, Request, Somewhere
+from .model import GroupModel
+
+
+@attrs.frozen(eq=False)
+class Told:
+    """Equations ``(n,)`` and their slopes ``(n, n + numbers)`` by base moments and numbers, SI; predictions."""
+
+    residual: Array
+    slopes: Array
+    predictions: list[Predicted]
+
+
+class LoadedModel(Protocol):
+    """What both kinds of model can tell."""
+
+    unknowns: int
+
+    def actuated(self, actuation: Actuation) -> None:
+        """From now on at another actuation."""
+
+    def at(self, z: Array, values: Array, s: Array) -> Told:
+        """At base moments, numbers of loads one behind the other, and arc lengths of points that are somewhere."""
+
+
+def loaded_model(
+    robot: Robot,
+    actuation: Actuation,
+    loads: Sequence[Load],
+    names: Sequence[str],
+    others: Sequence[str],
+    requests: Sequence[Request],
+    compiled: bool | None,
+    steps: int,
+) -> LoadedModel:
+    """A model with derivatives by the loads' numbers of these ``names``, which may change, and by the ``others``."""
+    every = [*names, *others]
+    if compilable(robot, loads, requests, every, compiled):
+        return _Compiled(robot, actuation, loads, names, others, requests)
+    return _Symbolic(robot, actuation, loads, names, others, requests, steps)
+
+
+class _Compiled:
+    def __init__(
+        self,
+        robot: Robot,
+        actuation: Actuation,
+        loads: Sequence[Load],
+        names: Sequence[str],
+        others: Sequence[str],
+        requests: Sequence[Request],
+    ) -> None:
+        ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
+        longest = int(np.argmax(ends))
+        poses = [request for request in requests if request.kind == "pose"]
+        probes = [_probe(request, longest) for request in poses]
+        self._model = Predictions(robot, [*names, *others], [(actuation, loads)], [probes])
+        somewhere = [k for k, request in enumerate(poses) if isinstance(request.place, Somewhere)]
+        self._places = [self._model.numbers(f"probes[{k}].arc_length") for k in somewhere]
+        self._loads = [self._model.numbers(name) for name in names]
+        self._joints = [self._model.numbers(name) for name in ("rotations", "translations")]
+        self._requests = requests
+        self.unknowns = self._model.unknowns
+
+    def actuated(self, actuation: Actuation) -> None:
+        self._joints[0][:], self._joints[1][:] = actuation.rotations, actuation.translations
+
+    def at(self, z: Array, values: Array, s: Array) -> Told:
+        start = 0
+        for own in self._loads:
+            own[:] = values[start : start + len(own)]
+            start += len(own)
+        for place, where in zip(self._places, s, strict=True):
+            place[0] = where
+        told = self._model.at(z[None])
+        if told.failed[0]:
+            raise EstimationError("compiled code refused these loads: its steps cannot be laid out")
+        found, probe = [], 0
+        for request in self._requests:
+            if request.kind == "pose":
+                found.append(Predicted(told.poses[:, probe], told.rates[:, probe]))
+                probe += 1
+            else:
+                found.append(_torque(z, request.tube or 0, told.slopes.shape[2]))
+        return Told(told.residual[0], told.slopes[0], found)
+
+
+def _probe(request: Request, longest: int) -> Probe:
+    if isinstance(request.place, Somewhere):
+        return Probe(0.0, longest)
+    if isinstance(request.place, Distal):
+        return Probe(None, request.place.tube)
+    return Probe(request.place, request.tube)
+
+
+def _torque(z: Array, tube: int, columns: int) -> Predicted:
+    slopes = np.zeros((1, 1, columns))
+    slopes[0, 0, 2 + tube] = -1.0
+    return Predicted(-z[None, 2 + tube, None], slopes)
+
+
+class _Symbolic:
+    def __init__(
+        self,
+        robot: Robot,
+        actuation: Actuation,
+        loads: Sequence[Load],
+        names: Sequence[str],
+        others: Sequence[str],
+        requests: Sequence[Request],
+        steps: int,
+    ) -> None:
+        configuration = Configuration(robot, actuation, loads)
+        self._model = GroupModel(configuration, requests, [*names, *others], steps)
+        known = {name: each.value for name, each in parameters(robot, actuation, loads).items()}
+        self._theta = self._model.numbers(known, actuation, loads, requests)
+        count = sum(known[name].size for name in names)
+        self._moving = np.array(self._model.active[:count], dtype=np.intp)
+        self._places = np.array(self._model.somewhere, dtype=np.intp)
+        parts = self._model.problem.parts
+        self._joints = parts["rotations"], parts["translations"]
+        self.unknowns = self._model.unknowns
+
+    def actuated(self, actuation: Actuation) -> None:
+        self._theta[self._joints[0]], self._theta[self._joints[1]] = actuation.rotations, actuation.translations
+
+    def at(self, z: Array, values: Array, s: Array) -> Told:
+        self._theta[self._moving] = values
+        self._theta[self._places] = s
+        residual, found, slopes = self._model.evaluate(z[None], self._theta[None])
+        return Told(residual[0], slopes[0], found)
