@@ -27,7 +27,7 @@ from .places import orders
 from .unknown_loads import PointForce, UnknownLoad
 
 _INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
-_VIRTUAL_STEPS = 8  # in each section, in the virtual machine
+VIRTUAL_STEPS = 8  # in each section, in the virtual machine
 
 
 @attrs.frozen(eq=False)
@@ -178,7 +178,7 @@ class Case:
             errors.names,
             experiment.requests,
             compiled,
-            _VIRTUAL_STEPS,
+            VIRTUAL_STEPS,
         )
         unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
         sought, forces = _sought(robot, numbered, ends, errors)
