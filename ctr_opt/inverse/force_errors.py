@@ -1,4 +1,4 @@
-"""What errors of the model would do to estimated loads, to first order: which forces they mimic, and when they are seen.
+"""What errors of the model do to estimated loads, to first order: which forces they mimic, and when they are seen.
 
 The loads explain a systematic error of the shape as far as they can; what is left is seen in the residuals.
 """
@@ -29,7 +29,7 @@ _SHOWN = {"m": (1e3, "mm"), "rad": (np.degrees(1.0), "deg"), "1": (1e2, "%")}
 
 
 @attrs.frozen(eq=False)
-class ModelError:
+class Imperfection:
     """An error of the model that all measurements of a shape share, to be multiplied by a size.
 
     Attributes
@@ -51,8 +51,8 @@ class ModelError:
 
 
 @attrs.frozen(eq=False)
-class Systematic(ModelError):
-    """A :class:`ModelError`: when it would be noticed, and for which force it is mistaken, to first order.
+class Systematic(Imperfection):
+    """A :class:`Imperfection`: when it would be noticed, and for which force it is mistaken, to first order.
 
     Attributes
     ----------
@@ -163,18 +163,18 @@ def _worst(left: Array, forces: Array) -> dict[str, Array]:
     return found
 
 
-def _errors(robot: Robot) -> list[ModelError]:
+def _errors(robot: Robot) -> list[Imperfection]:
     """Shifts along and tilts about the axes, curvatures and stiffnesses of the tubes."""
     found = []
     for kind, unit, name, way in (("shift", "m", "translation", "along"), ("tilt", "rad", "rotation", "about")):
         for axis, direction in zip("xyz", np.eye(3), strict=True):
-            found.append(ModelError(kind, f"{kind} of the base {way} {axis}", unit, {f"base.{name}": direction}))
+            found.append(Imperfection(kind, f"{kind} of the base {way} {axis}", unit, {f"base.{name}": direction}))
     for i, tube in enumerate(robot.tubes):
         if curved := _precurvature(f"tubes[{i}]", tube):
-            found.append(ModelError("curvature", f"curvature of tube {tube.name!r}", "1", curved))
+            found.append(Imperfection("curvature", f"curvature of tube {tube.name!r}", "1", curved))
     for i, tube in enumerate(robot.tubes):
         both = {f"tubes[{i}].{field}": np.array(getattr(tube, field)) for field in _STIFFNESSES}
-        found.append(ModelError("stiffness", f"stiffness of tube {tube.name!r}", "1", both))
+        found.append(Imperfection("stiffness", f"stiffness of tube {tube.name!r}", "1", both))
     return found
 
 
@@ -188,7 +188,7 @@ def _precurvature(name: str, tube: Tube) -> dict[str, Array]:
     }
 
 
-def _effects(case: Case, state: State, errors: list[ModelError]) -> Array:
+def _effects(case: Case, state: State, errors: list[Imperfection]) -> Array:
     """How whitened predictions change with the errors, the robot staying in equilibrium: ``(measured, errors)``."""
     names = list(dict.fromkeys(name for each in errors for name in each.changes))
     actuation, loads = case.experiment.actuation, case.loads_at(state.x)
