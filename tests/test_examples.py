@@ -10,7 +10,7 @@ import pytest
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 FIGURES = {"fig5": EXAMPLES / "precurvature_of_a_tube.py", "fig9": EXAMPLES / "loaded.py"} | {
-    path.stem: path for path in (EXAMPLES / "figures").glob("fig*.py")
+    path.stem: path for path in (EXAMPLES / "figures").glob("*.py")
 }
 DOCS = EXAMPLES.parent / "docs" / "figures"
 
