@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import DefinitionError, EstimationError
 from ..mechanics.sections import Configuration
+from ..robot.actuation import Actuation
 from ..robot.checks import Array
 from ..robot.loads import Load
 from ..robot.parameters import parameters
@@ -163,8 +164,8 @@ class Case:
         before: Case | None,
     ) -> Case:
         """A case; the model of the one ``before`` is used again where it serves."""
-        ends = np.array([tube.length for tube in robot.tubes]) + experiment.actuation.translations
-        _check_places(experiment, ends)
+        ends = tube_ends(robot, experiment.actuation)
+        check_places(experiment, ends)
         if before is not None and before.serves(experiment, errors):
             return before.again(experiment, ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
@@ -263,7 +264,13 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
     return found, forces
 
 
-def _check_places(experiment: Experiment, ends: Array) -> None:
+def tube_ends(robot: Robot, actuation: Actuation) -> Array:
+    """Where the tubes end, m."""
+    return np.asarray(np.array([tube.length for tube in robot.tubes]) + actuation.translations)
+
+
+def check_places(experiment: Experiment, ends: Array) -> None:
+    """Refuse measurements where no robot is, or not the tube that is meant."""
     for k, measurement in enumerate(experiment.measurements):
         for request in measurement.requests:
             if isinstance(request.place, Somewhere):

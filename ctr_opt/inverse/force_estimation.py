@@ -18,7 +18,7 @@ from ..robot.robot import Robot
 from .contact_search import contacts
 from .experiment import Experiment
 from .fit import Fit
-from .force_case import Case, Errors
+from .force_case import Case, Errors, check_places, tube_ends
 from .force_estimate import ForceEstimate
 from .load_solver import State
 from .losses import LOSSES
@@ -143,6 +143,17 @@ class ForceEstimationProblem:
                 "estimate, helps where loads are large"
             )
         return ForceEstimate(self._forward, case, states)
+
+    def check(self, actuation: Actuation, measurements: Any, loads: Sequence[Load] = ()) -> None:
+        """Check what would be solved, without solving.
+
+        Raises
+        ------
+        DefinitionError
+            As :meth:`solve`.
+        """
+        experiment = _experiment(self.robot, actuation, measurements, loads)
+        check_places(experiment, tube_ends(self.robot, actuation))
 
     def _case(self, experiment: Experiment, fit: Fit | None) -> Case:
         errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
