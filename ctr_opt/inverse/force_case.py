@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -28,7 +28,6 @@ from .places import orders
 from .unknown_loads import PointForce, UnknownLoad
 
 _INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
-_VIRTUAL_STEPS = 8  # in each section, in the virtual machine
 
 
 @attrs.frozen(eq=False)
@@ -161,9 +160,10 @@ class Case:
         errors: Errors,
         loss: str,
         compiled: bool | None,
+        steps: Callable[[], int],
         before: Case | None,
     ) -> Case:
-        """A case; the model of the one ``before`` is used again where it serves."""
+        """A case; the model of the one ``before`` is used again where it serves, ``steps`` as for ``loaded_model``."""
         ends = tube_ends(robot, experiment.actuation)
         check_places(experiment, ends)
         if before is not None and before.serves(experiment, errors):
@@ -179,7 +179,7 @@ class Case:
             errors.names,
             experiment.requests,
             compiled,
-            _VIRTUAL_STEPS,
+            steps,
         )
         unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
         sought, forces = _sought(robot, numbered, ends, errors)
