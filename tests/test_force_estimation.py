@@ -225,6 +225,10 @@ def test_wrong_unknown_loads(make, message):
 )
 def test_wrong_calls(pushed, arguments, call, message):
     robot, actuation, _, shape = pushed
-    with pytest.raises(ctr.DefinitionError, match=message):
+
+    def solve():
         problem = ctr.ForceEstimationProblem(robot, **{"unknown": [ctr.TipForce()], **arguments})
-        problem.solve(**{"actuation": actuation, "measurements": seen(shape), **call})
+        return problem.solve(**{"actuation": actuation, "measurements": seen(shape), **call})
+
+    with pytest.raises(ctr.DefinitionError, match=message):
+        solve()
