@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from . import __version__
-from .errors import CtrOptError, DefinitionError, SolveError
+from .errors import CtrOptError, DefinitionError, EstimationError, SolveError
 
 _FILE = click.Path(path_type=Path)
 _BAD_INPUT, _NOT_SOLVED = 2, 1
@@ -29,7 +29,7 @@ class _Group(click.Group):
             return super().invoke(ctx)
         except CtrOptError as error:
             click.echo(f"ctr-opt: {error}", err=True)
-            ctx.exit(_NOT_SOLVED if isinstance(error, SolveError) else _BAD_INPUT)
+            ctx.exit(_NOT_SOLVED if isinstance(error, (SolveError, EstimationError)) else _BAD_INPUT)
         except BrokenPipeError:
             raise
         except OSError as error:
@@ -166,6 +166,30 @@ def calibrate(calibration: Path, report: Path | None, method: str) -> None:
     if report is not None:
         nominal = given.problem(given.losses[0]).nominal()
         click.echo(f"report written to {write_report(given, nominal, fits, held, report)}")
+
+
+@cli.command()
+@click.argument("problem", type=_FILE)
+@click.option("--figure", type=_FILE, help="Draw shape, measurements and confidence: .png, .pdf or .svg.")
+def estimate(problem: Path, figure: Path | None) -> None:
+    """Estimate the loads on a robot from its measured shape, and print how well they are known."""
+    from .force_files import load_force_problem
+    from .plotting import FIGURES, save_figure
+    from .writing import check_output
+
+    if figure is not None:
+        check_output(figure, FIGURES)
+    given = load_force_problem(problem)
+    found = given.solve()
+    click.echo(f"{given.title}\n{found.report()}")
+    verdicts = given.verdicts(found)
+    for told, right in verdicts.items():
+        click.echo(f"  {'as expected' if right else 'NOT AS EXPECTED':<22}{told}")
+    if figure is not None:
+        save_figure(found.plot(), figure)
+        click.echo(f"figure written to {figure}")
+    if not all(verdicts.values()):
+        sys.exit(_NOT_SOLVED)
 
 
 class _Progress:

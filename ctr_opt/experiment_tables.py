@@ -22,14 +22,12 @@ from .inverse.measurements import (
     TangentMeasurement,
     whitening,
 )
-from .reading import said_lines
 from .robot.actuation import Actuation
 from .robot.checks import Array, number
 from .robot.loads import PointWrench
-from .units import to_si
+from .unit_tables import columns_of, read_rows, value_of
 from .writing import write_atomically
 
-_COLUMN = re.compile(r"\s*([A-Za-z]\w*?)\s*(?:\[([^\]]*)\])?\s*")
 _AXES = ("x", "y", "z")
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _UNIT = 1e-2  # a quaternion's norm may be so far from one by rounding
@@ -76,48 +74,25 @@ def read_experiments(
     80
     """
     file = Path(path)
-    header, rows = _table(file)
+    header, rows = read_rows(file)
     columns = _columns(file, header, tubes)
     found = []
     for line, row in rows:
-        if len(row) != len(header):
-            raise DefinitionError(
-                f"{file}: line {line} has {len(row)} entries, but must have {len(header)}, one for each column"
-            )
         values = {
-            name: _value(file, line, name, row[k], factor) for name, (k, factor) in columns.items() if name != "name"
+            name: value_of(file, line, name, row[k], factor) for name, (k, factor) in columns.items() if name != "name"
         }
         name = row[columns["name"][0]].strip() if "name" in columns else f"line {line}"
         found.append(_Row(f"{file}: line {line}", values, tubes, sigma, direction_sigma, sensor).experiment(name))
     return found
 
 
-def _table(file: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    rows = [(line, next(csv.reader([row]))) for line, row in said_lines(file)]
-    if len(rows) < 2:
-        raise DefinitionError(f"{file} must hold a line of names and lines of numbers")
-    return rows[0][1], rows[1:]
-
-
 def _columns(file: Path, header: list[str], tubes: int) -> dict[str, tuple[int, float]]:
     """Where each column stands, and by what its numbers are multiplied to be SI."""
-    found: dict[str, tuple[int, float]] = {}
-    for k, text in enumerate(header):
-        match = _COLUMN.fullmatch(text)
-        name = match[1] if match else text.strip()
-        unit = _unit(name, tubes) if match else None
-        if unit is None or name in found:
-            what = "is given twice" if name in found else "is no column here"
-            raise DefinitionError(
-                f"{file}: column {text.strip()!r} {what}; the columns are name, rotation_i, translation_i, "
-                "force_x, and of measurements base_x, tip_x, tube<i>_x, direction_x, with y and z likewise, tip_qw, "
-                f"tip_qx, tip_qy, tip_qz, for tubes 0 to {tubes - 1}"
-            )
-        try:
-            factor = to_si(f"1 {match[2]}", unit) if match and match[2] else 1.0
-        except ValueError as error:
-            raise DefinitionError(f"{file}: column {text.strip()!r} {error}") from None
-        found[name] = k, factor
+    allowed = (
+        "name, rotation_i, translation_i, force_x, and of measurements base_x, tip_x, tube<i>_x, direction_x, with "
+        f"y and z likewise, tip_qw, tip_qx, tip_qy, tip_qz, for tubes 0 to {tubes - 1}"
+    )
+    found = columns_of(file, header, lambda name: _unit(name, tubes), allowed)
     needed = [f"{kind}_{i}" for kind in ("rotation", "translation") for i in range(tubes)]
     vectors = {name.rpartition("_")[0] for name in found if name[-2:] in ("_x", "_y", "_z")}
     needed += [f"{name}_{axis}" for name in vectors for axis in _AXES]
@@ -146,19 +121,6 @@ def _unit(name: str, tubes: int) -> str | None:
         return "N" if stem == "force" else "1"
     known = _POINT.fullmatch(stem) and (not stem.startswith("tube") or int(stem[4:]) < tubes)
     return "m" if known else None
-
-
-def _value(file: Path, line: int, name: str, text: str, factor: float) -> float:
-    text = text.strip()
-    if not text:
-        return float("nan")
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("inf")
-    if not np.isfinite(value):
-        raise DefinitionError(f"{file}: line {line}, column {name!r}: {text!r} must be a finite number, or empty")
-    return value * factor
 
 
 @attrs.frozen

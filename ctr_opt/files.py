@@ -163,7 +163,7 @@ def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> P
     data = _at(file, "", lambda: load_checked(ProblemSchema, table))
     robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
     actuation = _at(file, "actuation", lambda: Actuation(**data["actuation"]))
-    loads = tuple(_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", [])))
+    loads = tuple(read_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", [])))
     solver = data.get("solver", {})
     forward = _at(file, "solver", lambda: ForwardProblem(robot, **solver))
     _at(file, "", lambda: forward.check(actuation, loads))
@@ -213,7 +213,7 @@ def _is_problem(file: Path) -> bool:
         keys = set(_read_toml(file))
     except DefinitionError:
         return False
-    return {"title", "robot"} <= keys and not keys & {"cases", "experiments"}
+    return {"title", "robot"} <= keys and not keys & {"cases", "experiments", "measurements"}
 
 
 def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:
@@ -261,13 +261,14 @@ def _sampled(file: Path, values: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-def _load(file: Path, robot: Robot, k: int, table: Any) -> Load:
+def read_load(file: Path, robot: Robot, k: int, table: Any) -> Load:
+    """A load from its table, the k-th of a file."""
     from .schemas import LOAD_SCHEMAS, load_kind
 
     place = f"loads[{k}]"
     kind, values = _at(file, place, lambda: load_kind(LOAD_SCHEMAS, table))
     if "tube" in values:
-        values["tube"] = _at(file, place, lambda: _tube_index(robot, values["tube"]))
+        values["tube"] = _at(file, place, lambda: tube_index(robot, values["tube"]))
     if "file" in values:
         if "force" in values or "moment" in values:
             raise DefinitionError(f"{file}: {place}.file is given beside force or moment: give one of them")
@@ -283,7 +284,8 @@ def _load(file: Path, robot: Robot, k: int, table: Any) -> Load:
     return _at(file, place, lambda: kinds[kind](**values))
 
 
-def _tube_index(robot: Robot, tube: Any) -> int:
+def tube_index(robot: Robot, tube: Any) -> int:
+    """Which tube is meant by a name or an index; ``ValueError`` where none is."""
     names = [each.name for each in robot.tubes]
     if isinstance(tube, str) and tube in names:
         return names.index(tube)

@@ -141,6 +141,19 @@ def figure_equilibrium(loaded: Equilibrium, unloaded: Equilibrium | None = None)
     return figure
 
 
+def draw_backbone(equilibrium: Equilibrium, ax: Axes, plane: tuple[int, int]) -> None:
+    """The backbone seen in a plane of two world axes, mm, as thick and coloured as the outermost tube there."""
+    ends = equilibrium.configuration.tube_ends
+    start = 0.0
+    for tube in range(len(ends) - 1, -1, -1):
+        if ends[tube] <= start:
+            continue
+        points = _MM * equilibrium.position(np.linspace(start, ends[tube], 100))[:, list(plane)]
+        width = 1.5 + 1.2 * tube
+        ax.plot(*points.T, color=_tube_color(tube), lw=width, solid_capstyle="butt", label=f"tube {tube}")
+        start = float(ends[tube])
+
+
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a figure, the whole file or nothing; the suffix says the format.
 

@@ -316,6 +316,132 @@ class CalibrationSchema(Strict):
     truth = fields.Nested(TruthSchema)
 
 
+class PriorSchema(Strict):
+    """``prior`` of an unknown load: mean and standard deviation of its force."""
+
+    mean = Quantity("N", 3, scalar_too=True, required=True)
+    sigma = Quantity("N", 3, scalar_too=True, required=True)
+
+
+class TipForceSchema(Strict):
+    """``kind = "tip_force"``."""
+
+    kind = _text()
+    prior = fields.Nested(PriorSchema)
+
+
+class TipWrenchSchema(Strict):
+    """``kind = "tip_wrench"``."""
+
+    kind = _text()
+
+
+class PointForceSchema(Strict):
+    """``kind = "point_force"``, at an arc length or, without one, somewhere."""
+
+    kind = _text()
+    arc_length = Quantity("m")
+    tube = fields.Raw()
+    prior = fields.Nested(PriorSchema)
+
+
+class PointsSchema(Strict):
+    """``kind = "points"``: a CSV file with columns ``x, y, z`` and, unless nobody knows them, arc lengths ``s``."""
+
+    kind = _text()
+    file = _text(required=True)
+    sigma = Quantity("m", 3, scalar_too=True, required=True)
+    ordered = fields.Bool()
+
+
+class TipPositionSchema(Strict):
+    """``kind = "tip_position"``."""
+
+    kind = _text()
+    position = Quantity("m", 3, required=True)
+    sigma = Quantity("m", 3, scalar_too=True, required=True)
+
+
+class TipDirectionSchema(Strict):
+    """``kind = "tip_direction"``: the tangent at the tip."""
+
+    kind = _text()
+    direction = Quantity("1", 3, required=True)
+    sigma = Quantity("rad", required=True)
+
+
+class CurvaturesSchema(Strict):
+    """``kind = "curvatures"``: a CSV file with columns ``s, u_x, u_y`` of a tube, as of a fibre in it."""
+
+    kind = _text()
+    file = _text(required=True)
+    sigma = Quantity("1/m", 2, scalar_too=True, required=True)
+    tube = fields.Raw()
+
+
+class TorqueSchema(Strict):
+    """``kind = "torque"`` of a tube's actuator."""
+
+    kind = _text()
+    tube = fields.Raw(required=True)
+    torque = Quantity("N*m", required=True)
+    sigma = Quantity("N*m", required=True)
+
+
+class ActuatorForceSchema(Strict):
+    """``kind = "force"`` of a tube's actuator."""
+
+    kind = _text()
+    tube = fields.Raw(required=True)
+    force = Quantity("N", required=True)
+    sigma = Quantity("N", required=True)
+
+
+class MeasuredActuationSchema(ActuationSchema):
+    """``[actuation]`` of a force problem, which may be known with errors only."""
+
+    rotation_sigma = Quantity("rad", None, scalar_too=True)
+    translation_sigma = Quantity("m", None, scalar_too=True)
+
+
+class ForceTruthSchema(Strict):
+    """``[truth]`` of a force problem with synthetic data."""
+
+    force = Quantity("N", 3)
+    arc_length = Quantity("m")
+    seed = fields.Int()
+
+
+class ForceExpectedSchema(Strict):
+    """``[expected]`` of a force problem: which standard deviations, and what is not determined."""
+
+    text = _text(required=True)
+    standard_errors = Quantity("N", None)
+    share = Quantity("1")
+    consistent = fields.Bool()
+    undetermined = fields.List(fields.Str())
+
+
+class ForceSchema(Strict):
+    """A force problem: a robot's actuation, what was measured on it, known loads and unknown ones."""
+
+    title = _text(required=True)
+    description = _text()
+    robot = _text(required=True)
+    loss = _text()
+    source = fields.Nested(SourceSchema, required=True)
+    actuation = fields.Nested(MeasuredActuationSchema, required=True)
+    unknown_loads = fields.List(
+        fields.Raw(), required=True, data_key="unknown", error_messages={"invalid": " must be tables [[unknown]]"}
+    )
+    measurements = fields.List(
+        fields.Raw(), required=True, error_messages={"invalid": " must be tables [[measurements]]"}
+    )
+    load_tables = fields.List(fields.Raw(), data_key="loads", error_messages={"invalid": " must be tables [[loads]]"})
+    truth = fields.Nested(ForceTruthSchema)
+    expected = fields.Nested(ForceExpectedSchema)
+
+
 PIECE_SCHEMAS = {
     "straight": StraightSchema,
     "arc": ArcSchema,
@@ -328,6 +454,19 @@ LOAD_SCHEMAS = {
     "gravity": GravitySchema,
     "point_mass": PointMassSchema,
     "distributed_mass": DistributedMassSchema,
+}
+UNKNOWN_LOAD_SCHEMAS = {
+    "tip_force": TipForceSchema,
+    "tip_wrench": TipWrenchSchema,
+    "point_force": PointForceSchema,
+}
+MEASUREMENT_SCHEMAS = {
+    "points": PointsSchema,
+    "tip_position": TipPositionSchema,
+    "tip_direction": TipDirectionSchema,
+    "curvatures": CurvaturesSchema,
+    "torque": TorqueSchema,
+    "force": ActuatorForceSchema,
 }
 
 

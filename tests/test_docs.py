@@ -7,6 +7,7 @@ import pytest
 
 import ctr_opt as ctr
 from ctr_opt.calibration_files import load_calibration
+from ctr_opt.force_files import load_force_problem
 
 
 def blocks(path, language):
@@ -56,6 +57,15 @@ def test_the_code_of_the_calibration_runs(capsys):
     assert scope["calibrated"].tubes[0].bending_stiffness == scope["fit"].values["tubes[0].bending_stiffness"]
 
 
+def test_the_code_of_force_estimation_runs(capsys):
+    (code,) = blocks("docs/force_estimation.md", "python")
+    scope = {}
+    exec(code, scope)
+    assert "force.x" in capsys.readouterr().out
+    apart = scope["pushed"].tip_position - scope["estimate"].shape.tip_position
+    assert abs(apart).max() < 1e-7 * scope["pushed"].length
+
+
 def test_the_file_of_a_calibration_loads(tmp_path):
     (text,) = blocks("docs/calibration.md", "toml")
     (tmp_path / "my_robot.toml").write_text(text)
@@ -72,7 +82,7 @@ def test_the_readme_has_exactly_two_commands():
 
 
 def test_the_files_in_the_docs_load(tmp_path):
-    robot, problem, plan = blocks("docs/files.md", "toml")
+    robot, problem, plan, force = blocks("docs/files.md", "toml")
     second = robot[robot.index("[[tubes]]") :].replace("inner", "outer").replace("1.25 mm", "2 mm")
     second = second.replace("1.75 mm", "2.4 mm").replace('outer_diameter = "2 mm"', 'inner_diameter = "2 mm"', 1)
     second = re.sub(r'outer_diameter = "2 mm".*\n', "", second)
@@ -84,6 +94,10 @@ def test_the_files_in_the_docs_load(tmp_path):
     (tmp_path / "plan.toml").write_text(plan)
     (tmp_path / "plan.csv").write_text(*blocks("docs/files.md", "csv"))
     assert len(ctr.load_plan(tmp_path / "plan.toml").problems) == 1
+    (tmp_path / "force.toml").write_text(force)
+    (tmp_path / "points.csv").write_text("x [mm], y [mm], z [mm]\n0, 0, 50\n1, 0, 100\n")
+    (tmp_path / "curvatures.csv").write_text("s [mm], u_x [1/m], u_y [1/m]\n20, 7, 0\n40, 7, 0.1\n")
+    assert len(load_force_problem(tmp_path / "force.toml").measurements) == 5
 
 
 @pytest.mark.parametrize("path", ["docs/theory.md"])

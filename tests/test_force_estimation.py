@@ -122,3 +122,113 @@ def test_errors_of_the_calibration_are_counted(pushed):
     expected = np.linalg.inv(by_force.T @ np.linalg.solve(noise, by_force))
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-3)
     assert found.deviations.max() > 1.1 * plain.deviations.max()
+
+
+def fibre(shape, s):
+    """Curvature of the innermost tube in its own frame, ``(2,)``, 1/m."""
+    (x, y, _), angle = shape.curvature(s), shape.tube_angle(0, s)
+    return [np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x]
+
+
+def mixes(shape):
+    """Exact measurements of several kinds."""
+    places = np.linspace(0.1, 0.9, 8) * shape.length
+    wrenches = [shape.actuator_wrench(i) for i in range(3)]
+    tip = ctr.PositionMeasurement(None, shape.tip_position, SIGMA)
+    return {
+        "curvatures": [ctr.CurvatureMeasurement(places, [fibre(shape, s) for s in places], 0.05)],
+        "pose": [ctr.PoseMeasurement(None, shape.tip_pose, [SIGMA] * 3 + [5e-3] * 3)],
+        "torques": [tip, *(ctr.TorqueMeasurement(i, torque, 1e-5) for i, (_, torque) in enumerate(wrenches))],
+        "forces": [tip, *(ctr.ForceMeasurement(i, force, 0.02) for i, (force, _) in enumerate(wrenches))],
+        "points anywhere": [ctr.BackboneMeasurement(shape.position(places[::-1]), SIGMA)],
+    }
+
+
+@pytest.mark.parametrize("kind", ["curvatures", "pose", "torques", "forces", "points anywhere"])
+def test_any_measurement_gives_the_force(pushed, kind):
+    """Exact data, to 1e-4 of the standard errors: what 1e-9 of the length leaves."""
+    robot, actuation, force, shape = pushed
+    problem = ctr.ForceEstimationProblem(robot, [ctr.TipForce()], tolerance=1e-9)
+    found = problem.solve(actuation, mixes(shape)[kind])
+    assert (np.abs(found.force - force) < 1e-4 * found.deviations).all()
+    assert found.chi_squared < 1e-6
+
+
+def test_forces_of_the_actuators_tell_what_the_shape_does_not(pushed):
+    """The force along the tip, which hardly moves it, pushes on what holds the tubes."""
+    robot, actuation, _, shape = pushed
+    problem = ctr.ForceEstimationProblem(robot, [ctr.TipForce()])
+    tip = problem.solve(actuation, mixes(shape)["forces"][:1])
+    held = problem.solve(actuation, mixes(shape)["forces"])
+    assert held.axes[2].standard_deviation < 0.1 * tip.axes[2].standard_deviation
+
+
+def test_outliers_are_counted_less(pushed):
+    """Two of twelve points 20 mm off: squares are misled by many standard errors, Cauchy's loss by less than four."""
+    robot, actuation, force, shape = pushed
+    good = seen(shape, seed=4)
+    points = good.position.copy()
+    points[[3, 8]] += [[0.02, 0.0, 0.0], [0.0, -0.02, 0.01]]
+    bad = ctr.PositionMeasurement(good.arc_length, points, SIGMA)
+    by_squares, robust = (
+        ctr.ForceEstimationProblem(robot, [ctr.TipForce()], loss=loss, compiled=True).solve(actuation, bad)
+        for loss in ("squared", "cauchy")
+    )
+    assert not by_squares.consistent
+    off = [(each.force - force) @ np.linalg.solve(each.covariance, each.force - force) for each in (by_squares, robust)]
+    assert off[0] > 1000.0
+    assert off[1] < 16.3  # chi-square of three numbers, 99.9 %
+
+
+@pytest.mark.parametrize("share", [0.6, 0.75, 0.9])
+def test_a_contact_is_found_where_it_is(pushed, share):
+    """Exact points: place and force to 1e-3 standard errors."""
+    robot, actuation, force, free = pushed
+    place = share * free.length
+    shape = ctr.ForwardProblem(robot, tolerance=1e-10).solve(actuation, [ctr.PointWrench(force, arc_length=place)])
+    problem = ctr.ForceEstimationProblem(robot, [ctr.PointForce()], compiled=True, tolerance=1e-9)
+    found = problem.solve(actuation, seen(shape, count=20, noise=0.0))
+    assert abs(found.arc_length - place) < 1e-3 * found.arc_length_error
+    assert (np.abs(found.force - force) < 1e-3 * found.deviations[:3]).all()
+    assert found.labels == ("force.x", "force.y", "force.z", "arc_length")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ctr.TipForce(prior=(0.0, -1.0)), "standard deviation -1.0 must be positive"),
+        (lambda: ctr.TipForce(prior=0.3), "must be a pair"),
+        (lambda: ctr.PointForce(arc_length=-0.1), "arc_length = -0.1 m must be"),
+        (lambda: ctr.TipWrench(prior=(0.0, [1.0, 1.0])), "standard deviation has shape"),
+    ],
+)
+def test_wrong_unknown_loads(make, message):
+    with pytest.raises(ctr.DefinitionError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "call", "message"),
+    [
+        ({"unknown": []}, {}, "must name at least one load"),
+        ({"unknown": ["force"]}, {}, "unknown.0. = 'force' must be one of"),
+        ({"loss": "l1"}, {}, "loss = 'l1' must be"),
+        ({"unknown": [ctr.PointForce(tube=7)]}, {}, "unknown.0..tube = 7"),
+        ({"rotation_sigma": 0.0}, {}, "rotation_sigma = 0.0 must be positive"),
+        ({}, {"measurements": []}, "at least one measurement"),
+        ({}, {"measurements": [ctr.PositionMeasurement(None, [0, 0, 0.1])]}, "sigma is needed"),
+        ({}, {"measurements": [ctr.PositionMeasurement(0.5, [0, 0, 0.1], 1e-3)]}, "is at s = 0.5 m"),
+        ({}, {"actuation": ctr.Actuation([0.0], [0.0])}, "actuation is of 1 tubes"),
+        ({}, {"fit": "a fit"}, "fit = 'a fit' must be a Fit"),
+        ({}, {"initial": 3}, "initial = 3 must be a ForceEstimate"),
+    ],
+)
+def test_wrong_calls(pushed, arguments, call, message):
+    robot, actuation, _, shape = pushed
+
+    def solve():
+        problem = ctr.ForceEstimationProblem(robot, **{"unknown": [ctr.TipForce()], **arguments})
+        return problem.solve(**{"actuation": actuation, "measurements": seen(shape), **call})
+
+    with pytest.raises(ctr.DefinitionError, match=message):
+        solve()

@@ -32,7 +32,7 @@ def _likely(case: Case, z: Array, places: Array, x: Array, part: slice) -> list[
     loads = [*held, *(PointWrench([0.0] * 3, arc_length=float(s), tube=tube) for s in grid)]
     names = [f"loads[{len(held) + k}].force" for k in range(_PLACES)]
     model = loaded_model(
-        case.robot, case.experiment.actuation, loads, names, (), case.experiment.requests, case.compiled, 1
+        case.robot, case.experiment.actuation, loads, names, (), case.experiment.requests, case.compiled, lambda: 1
     )
     told = model.at(z, np.zeros(3 * _PLACES), places * search.length)
     n = model.unknowns

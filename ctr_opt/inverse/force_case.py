@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import DefinitionError, EstimationError
 from ..mechanics.sections import Configuration
+from ..robot.actuation import Actuation
 from ..robot.checks import Array
 from ..robot.loads import Load
 from ..robot.parameters import parameters
@@ -27,7 +28,6 @@ from .places import orders
 from .unknown_loads import PointForce, UnknownLoad
 
 _INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
-VIRTUAL_STEPS = 8  # in each section, in the virtual machine
 
 
 @attrs.frozen(eq=False)
@@ -160,11 +160,12 @@ class Case:
         errors: Errors,
         loss: str,
         compiled: bool | None,
+        steps: Callable[[], int],
         before: Case | None,
     ) -> Case:
-        """A case; the model of the one ``before`` is used again where it serves."""
-        ends = np.array([tube.length for tube in robot.tubes]) + experiment.actuation.translations
-        _check_places(experiment, ends)
+        """A case; the model of the one ``before`` is used again where it serves, ``steps`` as for ``loaded_model``."""
+        ends = tube_ends(robot, experiment.actuation)
+        check_places(experiment, ends)
         if before is not None and before.serves(experiment, errors):
             return before.again(experiment, ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
@@ -178,7 +179,7 @@ class Case:
             errors.names,
             experiment.requests,
             compiled,
-            VIRTUAL_STEPS,
+            steps,
         )
         unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
         sought, forces = _sought(robot, numbered, ends, errors)
@@ -263,7 +264,13 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
     return found, forces
 
 
-def _check_places(experiment: Experiment, ends: Array) -> None:
+def tube_ends(robot: Robot, actuation: Actuation) -> Array:
+    """Where the tubes end, m."""
+    return np.asarray(np.array([tube.length for tube in robot.tubes]) + actuation.translations)
+
+
+def check_places(experiment: Experiment, ends: Array) -> None:
+    """Refuse measurements where no robot is, or not the tube that is meant."""
     for k, measurement in enumerate(experiment.measurements):
         for request in measurement.requests:
             if isinstance(request.place, Somewhere):

@@ -5,7 +5,7 @@ The loads explain a systematic error of the shape as far as they can; what is le
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import attrs
 import numpy as np
@@ -15,7 +15,7 @@ from ..robot.checks import Array, number
 from ..robot.parameters import parameters
 from ..robot.robot import Robot
 from ..robot.tube import Tube
-from .force_case import VIRTUAL_STEPS, Case
+from .force_case import Case
 from .load_solver import BLIND, Search, State
 from .loaded_model import loaded_model
 from .places import across, free
@@ -118,14 +118,14 @@ class Systematic(Imperfection):
         return f"{self.description}: never detected, as the loads absorb it; adds {rate:.2g} N per {unit}"
 
 
-def systematic_errors(case: Case, state: State, freedom: int) -> list[Systematic]:
-    """Of each kind, at a solution with so many degrees of freedom.
+def systematic_errors(case: Case, state: State, freedom: int, steps: Callable[[], int]) -> list[Systematic]:
+    """Of each kind, at a solution with so many degrees of freedom; ``steps`` as for ``loaded_model``.
 
     Shifts along and tilts about the axes, curvatures and stiffnesses of the tubes; then, of all shifts and of all
     tilts, the one that is hardest to detect, and the one that adds most force when it just is detected.
     """
     errors = _errors(case.robot)
-    effects = _effects(case, state, errors)
+    effects = _effects(case, state, errors, steps)
     effects[:, np.linalg.norm(effects, axis=0) < _IDLE] = 0.0
     rates, left = _absorbed(case.search, state, effects)
     parts = case.numbered.where("force")
@@ -188,7 +188,7 @@ def _precurvature(name: str, tube: Tube) -> dict[str, Array]:
     }
 
 
-def _effects(case: Case, state: State, errors: list[Imperfection]) -> Array:
+def _effects(case: Case, state: State, errors: list[Imperfection], steps: Callable[[], int]) -> Array:
     """How whitened predictions change with the errors, the robot staying in equilibrium: ``(measured, errors)``."""
     names = list(dict.fromkeys(name for each in errors for name in each.changes))
     actuation, loads = case.experiment.actuation, case.loads_at(state.x)
@@ -202,7 +202,7 @@ def _effects(case: Case, state: State, errors: list[Imperfection]) -> Array:
         ]
     )
     requests = case.experiment.requests
-    model = loaded_model(case.robot, actuation, loads, (), names, requests, case.compiled, VIRTUAL_STEPS)
+    model = loaded_model(case.robot, actuation, loads, (), names, requests, case.compiled, steps)
     told = model.at(state.z, np.zeros(0), state.places * case.search.length)
     _, rates = case.search.seen.comparison.compare(told.predictions)
     n = model.unknowns

@@ -18,7 +18,7 @@ from .load_solver import BLIND, Normal, State
 from .places import free
 
 if TYPE_CHECKING:
-    pass
+    from matplotlib.figure import Figure
 
 OPEN = 3.0  # characteristic forces: with a larger standard deviation a direction is undetermined
 _LIKELY = 8.0  # excess loss up to which another solution is told: e^-8 is 1 in 3,000
@@ -177,12 +177,12 @@ class ForceEstimate:
         parts = [(vector[k], label) for k, label in enumerate(self.labels) if abs(vector[k]) > 0.05]
         terms = " ".join(f"{'-' if part < 0.0 else '+'} {abs(part):.2g} {label}" for part, label in parts)
         what = terms.removeprefix("+ ") if len(parts) > 1 else parts[0][1]
-        forces = [k for k in range(len(vector)) if self.case.forces[k]]
+        forces, unit = [k for k in range(len(vector)) if self.case.forces[k]], "SI"
         if len(self.case.numbered.where("force")) == 1 and np.linalg.norm(vector[forces]) > 0.99:
-            along = abs(float(vector[forces] @ self._tangent))
+            along, unit = abs(float(vector[forces] @ self._tangent)), "N"
             what = "axial force" if along > 0.95 else f"force along ({', '.join(f'{x:.2f}' for x in vector[forces])})"
         size = float(np.linalg.norm(deviation * scale * vector)) if np.isfinite(deviation) else np.inf
-        told = f"sd {size:.2g} (SI)" if np.isfinite(size) else "nothing is known"
+        told = f"sd {size:.2g} {unit}" if np.isfinite(size) else "nothing is known"
         return f"{what}: undetermined, {told}"
 
     @cached_property
@@ -210,7 +210,7 @@ class ForceEstimate:
         >>> print(estimate.systematic[2])
         shift of the base along z: detected from 0.35 mm, which adds 0.065 N
         """
-        return systematic_errors(self.case, self.state, self.degrees_of_freedom)
+        return systematic_errors(self.case, self.state, self.degrees_of_freedom, lambda: self.shape.solved().steps)
 
     # -- consistency -----------------------------------------------------------------------------------------------
 
@@ -242,6 +242,20 @@ class ForceEstimate:
     def consistent(self) -> bool | None:
         """Whether the residuals are as small as model and noise say (at 5 %); None where nothing is left over."""
         return None if np.isnan(self.p_value) else bool(self.p_value >= CONSISTENT)
+
+    # -- for people ------------------------------------------------------------------------------------------------
+
+    def report(self) -> str:
+        """Loads with their errors, what is not known, consistency and other solutions, as text."""
+        from .force_report import force_report
+
+        return force_report(self)
+
+    def plot(self) -> Figure:
+        """The shape beside what was measured, and confidence ellipses of the force."""
+        from .force_report import figure_force
+
+        return figure_force(self)
 
     def __repr__(self) -> str:
         told = ", ".join(

@@ -18,7 +18,7 @@ from ..robot.robot import Robot
 from .contact_search import contacts
 from .experiment import Experiment
 from .fit import Fit
-from .force_case import Case, Errors
+from .force_case import Case, Errors, check_places, tube_ends
 from .force_estimate import ForceEstimate
 from .load_solver import State
 from .losses import LOSSES
@@ -29,6 +29,7 @@ from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 UNKNOWN_LOADS = (TipForce, TipWrench, PointForce)
 _SAME = 1e-4  # of the loads' scales: solutions closer to each other are one
 _SEED = 0
+_MORE = 2  # times as many steps as without the unknown loads, in the virtual machine
 
 
 class ForceEstimationProblem:
@@ -144,11 +145,31 @@ class ForceEstimationProblem:
             )
         return ForceEstimate(self._forward, case, states)
 
+    def check(self, actuation: Actuation, measurements: Any, loads: Sequence[Load] = ()) -> None:
+        """Check what would be solved, without solving.
+
+        Raises
+        ------
+        DefinitionError
+            As :meth:`solve`.
+        """
+        experiment = _experiment(self.robot, actuation, measurements, loads)
+        check_places(experiment, tube_ends(self.robot, actuation))
+
     def _case(self, experiment: Experiment, fit: Fit | None) -> Case:
+        def steps() -> int:
+            return _MORE * self._unloaded(experiment).solved().steps
+
         errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
-        case = Case.of(self.robot, experiment, self.unknown, errors, self.loss, self._compiled, self._kept)
+        case = Case.of(self.robot, experiment, self.unknown, errors, self.loss, self._compiled, steps, self._kept)
         self._kept = case
         return case
+
+    def _unloaded(self, experiment: Experiment) -> Equilibrium:
+        try:
+            return self._forward.solve(experiment.actuation, experiment.loads)
+        except SolveError as error:
+            raise EstimationError(f"without the unknown loads the robot has no equilibrium: {error}") from error
 
     def _near(self, case: Case, initial: ForceEstimate) -> tuple[Array, Array, Array]:
         if not isinstance(initial, ForceEstimate) or initial.labels != case.numbered.labels:
@@ -162,10 +183,7 @@ class ForceEstimationProblem:
 
     def _from_nothing(self, case: Case) -> list[State]:
         """From the robot without the unknown loads, and where contacts are sought, from places that look likely."""
-        try:
-            shape = self._forward.solve(case.experiment.actuation, case.experiment.loads)
-        except SolveError as error:
-            raise EstimationError(f"without the unknown loads the robot has no equilibrium: {error}") from error
+        shape = self._unloaded(case.experiment)
         places = self._places(case, shape)
         starts = contacts(case, shape.unknowns, places) if case.contacts else [case.start]
         rng = np.random.default_rng(_SEED)

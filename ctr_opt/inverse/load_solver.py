@@ -23,7 +23,7 @@ _MOST_STEPS = 60
 _ARRIVED = 1e-5  # standard deviations of the loads: a step so short is the last
 _BALANCED = 1e-9  # of the moments' size: what the equilibrium may be off
 _NEAR = 0.3  # of the moments' size: farther off, the equilibrium is not told by its linearization
-BLIND = 1e3  # scaled standard deviation from which a direction is not moved along, as nothing is known of it
+BLIND = 30.0  # scaled standard deviation from which a direction is not moved along: loads would go anywhere
 _CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where there is no way on
 
 
@@ -167,6 +167,8 @@ class Search:
             if found is not None and found.off < _NEAR and found.cost <= state.cost + 1e-9 * (1.0 + abs(state.cost)):
                 whole = np.concatenate((dx, de))
                 return found, 0.0 if damping < 1e-6 else 0.1 * damping, float(whole @ normal.matrix @ whole)
+            if state.off > _BALANCED:  # its loss was told by a linearization: back into equilibrium first
+                return self.at(state.z + state.follow[:, 0], state.x, state.places, state.e), damping, np.inf
             damping = max(10.0 * damping, 1e-3)
         return None, damping, np.inf
 

@@ -6,7 +6,7 @@ places of points are written into what the model reads.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import attrs
@@ -54,13 +54,16 @@ def loaded_model(
     others: Sequence[str],
     requests: Sequence[Request],
     compiled: bool | None,
-    steps: int,
+    steps: Callable[[], int],
 ) -> LoadedModel:
-    """A model with derivatives by the loads' numbers of these ``names``, which may change, and by the ``others``."""
+    """A model with derivatives by the loads' numbers of these ``names``, which may change, and by the ``others``.
+
+    ``steps``: in each section, where it is not compiled.
+    """
     every = [*names, *others]
     if compilable(robot, loads, requests, every, compiled):
         return _Compiled(robot, actuation, loads, names, others, requests)
-    return _Symbolic(robot, actuation, loads, names, others, requests, steps)
+    return _Symbolic(robot, actuation, loads, names, others, requests, steps())
 
 
 class _Compiled:
