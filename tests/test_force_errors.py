@@ -138,3 +138,17 @@ def test_both_kinds_of_model_tell_the_same(rod):
     for compiled, virtual in zip(*told, strict=True):
         np.testing.assert_allclose(virtual.rates, compiled.rates, atol=1e-5 * np.abs(compiled.rates).max())
         assert virtual.noncentrality == pytest.approx(compiled.noncentrality, rel=1e-5)
+
+
+def test_a_direction_that_is_left_alone_is_not_counted_as_estimated():
+    """Along a rod that is all but straight: beyond thirty characteristic forces the search does not go that way."""
+    tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 0.01), youngs_modulus=60e9, poisson_ratio=0.3)
+    held, places = ctr.Actuation([0.0], [0.0]), np.linspace(0.01, 0.1, 10)
+    robot = ctr.Robot([tube])
+    seen = ctr.ForwardProblem(robot).solve(held).position(places)
+    noise = 1e-4 * np.random.default_rng(0).normal(size=seen.shape)
+    measured = ctr.PositionMeasurement(places, seen + noise, 1e-4)
+    found = ctr.ForceEstimationProblem(robot, ctr.TipForce()).solve(held, measured)
+    assert found.undetermined == ["axial force: undetermined, nothing is known"]
+    assert abs(found.force[2]) < 1e-6 * found.characteristic_force
+    assert found.degrees_of_freedom == 30 - 2
