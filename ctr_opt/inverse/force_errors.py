@@ -5,11 +5,10 @@ The loads explain a systematic error of the shape as far as they can; what is le
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import attrs
 import numpy as np
-from scipy.linalg import block_diag
 
 from ..robot.checks import Array, number
 from ..robot.parameters import parameters
@@ -129,28 +128,31 @@ def systematic_errors(case: Case, state: State, freedom: int, steps: Callable[[]
     effects[:, np.linalg.norm(effects, axis=0) < _IDLE] = 0.0
     rates, left = _absorbed(case.search, state, effects)
     parts = case.numbered.where("force")
-    every = list(zip(errors, np.eye(len(errors)), strict=True))
-    for own in (range(3), range(3, 6)):  # the axes of shifts and of tilts
-        first, forces = errors[own[0]], np.vstack([rates[part, own] for part in parts])
+    weights = list(np.eye(len(errors)))
+    for own in (slice(0, 3), slice(3, 6)):  # the axes of shifts and of tilts
+        first, forces = errors[own.start], np.vstack([rates[part, own] for part in parts])
         for which, direction in _worst(left[:, own], forces).items():
             changes = dict.fromkeys(first.changes, direction)
-            worst = attrs.evolve(first, description=f"{first.kind} of the base, {which}", changes=changes)
-            every.append((worst, direction @ np.eye(len(errors))[own]))
-    found = []
-    for error, weights in every:
-        kept, whole = (float(np.sum((each @ weights) ** 2)) for each in (left, effects))
-        moves = rates @ weights
-        force = np.array([moves[part] for part in parts])
-        found.append(
-            Systematic(
-                **attrs.asdict(error, recurse=False),
-                degrees_of_freedom=freedom,
-                noncentrality=kept if kept > _ABSORBED * whole else 0.0,
-                rates=moves,
-                force_rate=force if len(parts) > 1 else force[0],
-            )
-        )
-    return found
+            errors.append(Imperfection(first.kind, f"{first.kind} of the base, {which}", first.unit, changes))
+            weights.append(direction @ weights[own])
+    return [
+        _told(error, freedom, effects @ own, rates @ own, left @ own, parts)
+        for error, own in zip(errors, weights, strict=True)
+    ]
+
+
+def _told(
+    error: Imperfection, freedom: int, effect: Array, moves: Array, left: Array, parts: Sequence[slice]
+) -> Systematic:
+    kept = float(left @ left)
+    forces = np.array([moves[part] for part in parts])
+    return Systematic(
+        **attrs.asdict(error, recurse=False),
+        degrees_of_freedom=freedom,
+        noncentrality=kept if kept > _ABSORBED * float(effect @ effect) else 0.0,
+        rates=moves,
+        force_rate=forces if len(parts) > 1 else forces[0],
+    )
 
 
 def _worst(left: Array, forces: Array) -> dict[str, Array]:
@@ -192,15 +194,10 @@ def _effects(case: Case, state: State, errors: list[Imperfection], steps: Callab
     """How whitened predictions change with the errors, the robot staying in equilibrium: ``(measured, errors)``."""
     names = list(dict.fromkeys(name for each in errors for name in each.changes))
     actuation, loads = case.experiment.actuation, case.loads_at(state.x)
-    sizes = [parameters(case.robot, actuation, loads)[name].size for name in names]
-    changes = np.column_stack(
-        [
-            np.concatenate(
-                [np.ravel(each.changes.get(name, np.zeros(size))) for name, size in zip(names, sizes, strict=True)]
-            )
-            for each in errors
-        ]
-    )
+    nothing = {name: np.zeros(each.value.shape) for name, each in parameters(case.robot, actuation, loads).items()}
+    changes = np.array(
+        [np.concatenate([np.ravel(each.changes.get(name, nothing[name])) for name in names]) for each in errors]
+    ).T
     requests = case.experiment.requests
     model = loaded_model(case.robot, actuation, loads, (), names, requests, case.compiled, steps)
     told = model.at(state.z, np.zeros(0), state.places * case.search.length)
@@ -212,6 +209,8 @@ def _effects(case: Case, state: State, errors: list[Imperfection], steps: Callab
 
 def _absorbed(search: Search, state: State, effects: Array) -> tuple[Array, Array]:
     """How the estimates follow, ``(numbers, errors)``, and what residuals and priors keep, ``(rows, errors)``."""
+    from scipy.linalg import block_diag
+
     sought, k = search.sought, len(state.x) + search.errors
     weights = np.sqrt(state.weights)[:, None]
     ways = free(state.places, search.seen.orders)
