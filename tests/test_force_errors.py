@@ -85,6 +85,15 @@ def test_sizes_are_those_of_the_non_central_chi_square(freedom, tabulated):
         error.size_at(1.5)
 
 
+def test_reports_tell_the_worst_of_each_kind(estimate):
+    told = estimate.report().partition("until they are noticed (with 95 %):\n")[2].splitlines()
+    worst = [
+        max((each for each in estimate.systematic if each.kind == kind), key=lambda each: each.mimicked)
+        for kind in ("shift", "tilt", "curvature", "stiffness")
+    ]
+    assert [line.strip() for line in told] == [str(each) for each in worst]
+
+
 @pytest.mark.parametrize("kind", ["shift", "tilt"])
 def test_the_worst_directions_are_worse_than_the_axes(estimate, kind):
     *axes, hardest, most = (each for each in estimate.systematic if each.kind == kind)

@@ -246,7 +246,7 @@ class ForceEstimate:
     # -- for people ------------------------------------------------------------------------------------------------
 
     def report(self) -> str:
-        """Loads with their errors, what is not known, consistency and other solutions, as text."""
+        """Loads with their errors, consistency, and what may hide behind them, as text."""
         from .force_report import force_report
 
         return force_report(self)
