@@ -85,6 +85,14 @@ def test_sizes_are_those_of_the_non_central_chi_square(freedom, tabulated):
         error.size_at(1.5)
 
 
+def test_sizes_beyond_first_order_are_not_told():
+    """What takes twice a stiffness, or more than a radian, to be noticed is hardly ever noticed."""
+    error = Systematic("stiffness", "stiffness of tube 'rod'", "1", {}, 10, 1.0, np.ones(3), np.array([0.0, 3.0, 4.0]))
+    assert str(error) == "stiffness of tube 'rod': hardly ever detected; adds 0.05 N per %"
+    known = attrs.evolve(error, noncentrality=100.0)
+    assert str(known) == "stiffness of tube 'rod': detected from 49 %, which adds 2.5 N"
+
+
 def test_reports_tell_the_worst_of_each_kind(estimate):
     told = estimate.report().partition("until they are noticed (with 95 %):\n")[2].splitlines()
     worst = [

@@ -24,6 +24,7 @@ DETECTED = 0.95  # probability with which a systematic error that is told would 
 _ABSORBED = 1e-14  # of the squared effect on what is measured: so little is left of what the loads explain entirely
 _IDLE = 1e-2  # standard deviations of all that is measured: an error of size 1 that does no more does nothing
 _STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+_TELLING = 1.0  # m, rad, or relative: first order says nothing of larger errors
 _SHOWN = {"m": (1e3, "mm"), "rad": (np.degrees(1.0), "deg"), "1": (1e2, "%")}
 
 
@@ -107,14 +108,13 @@ class Systematic(Imperfection):
 
     def __str__(self) -> str:
         factor, unit = _SHOWN[self.unit]
-        if np.isfinite(self.size):
-            return (
-                f"{self.description}: detected from {factor * self.size:.2g} {unit}, which adds {self.mimicked:.2g} N"
-            )
         if not self.force_rate.any():
             return f"{self.description}: does not act on what was measured"
-        rate = float(np.linalg.norm(self.force_rate)) / factor
-        return f"{self.description}: never detected, as the loads absorb it; adds {rate:.2g} N per {unit}"
+        if self.size <= _TELLING:
+            told = f"detected from {factor * self.size:.2g} {unit}, which adds {self.mimicked:.2g} N"
+            return f"{self.description}: {told}"
+        when = "hardly ever detected" if np.isfinite(self.size) else "never detected, as the loads absorb it"
+        return f"{self.description}: {when}; adds {np.linalg.norm(self.force_rate) / factor:.2g} N per {unit}"
 
 
 def systematic_errors(case: Case, state: State, freedom: int, steps: Callable[[], int]) -> list[Systematic]:
