@@ -89,6 +89,8 @@ def test_sizes_beyond_first_order_are_not_told():
     """What takes twice a stiffness, or more than a radian, to be noticed is hardly ever noticed."""
     error = Systematic("stiffness", "stiffness of tube 'rod'", "1", {}, 10, 1.0, np.ones(3), np.array([0.0, 3.0, 4.0]))
     assert str(error) == "stiffness of tube 'rod': hardly ever detected; adds 0.05 N per %"
+    harmless = attrs.evolve(error, noncentrality=100.0, force_rate=np.zeros(3))
+    assert str(harmless) == "stiffness of tube 'rod': detected from 49 %, which adds 0 N"
     known = attrs.evolve(error, noncentrality=100.0)
     assert str(known) == "stiffness of tube 'rod': detected from 49 %, which adds 2.5 N"
 

@@ -52,7 +52,7 @@ class Imperfection:
 
 @attrs.frozen(eq=False)
 class Systematic(Imperfection):
-    """A :class:`Imperfection`: when it would be noticed, and for which force it is mistaken, to first order.
+    """An :class:`Imperfection`: when it would be noticed, and for which force it is mistaken, to first order.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Systematic(Imperfection):
 
     def __str__(self) -> str:
         factor, unit = _SHOWN[self.unit]
-        if not self.force_rate.any():
+        if not self.noncentrality and not self.force_rate.any():
             return f"{self.description}: does not act on what was measured"
         if self.size <= _TELLING:
             told = f"detected from {factor * self.size:.2g} {unit}, which adds {self.mimicked:.2g} N"
