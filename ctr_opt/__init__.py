@@ -34,6 +34,11 @@ from .inverse.measurements import PositionMeasurement as PositionMeasurement
 from .inverse.measurements import TangentMeasurement as TangentMeasurement
 from .inverse.measurements import TorqueMeasurement as TorqueMeasurement
 from .inverse.parameters import Parameter as Parameter
+from .kinematics.limits import JointLimits as JointLimits
+from .kinematics.problem import InverseKinematicsProblem as InverseKinematicsProblem
+from .kinematics.result import InverseKinematicsPath as InverseKinematicsPath
+from .kinematics.result import InverseKinematicsResult as InverseKinematicsResult
+from .kinematics.result import InverseKinematicsStatus as InverseKinematicsStatus
 from .plans import Plan as Plan
 from .plans import load_plan as load_plan
 from .robot.actuation import Actuation as Actuation

@@ -289,6 +289,11 @@ class Equilibrium(Differentiable):
         return grid
 
     @property
+    def one_sided(self) -> bool:
+        """Whether it is known that break points coincide, where :meth:`jacobian` has sides and takes long."""
+        return False
+
+    @property
     def tip_position(self) -> Array:
         """Position at ``s = length``, m, world frame."""
         return self.position(self.length)

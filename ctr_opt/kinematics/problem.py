@@ -1,0 +1,319 @@
+"""Inverse kinematics under known load: from where the tip shall be to what the actuators do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import islice
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from ..batch import rows_of_loads
+from ..equilibrium import Equilibrium
+from ..errors import CompilationError, DefinitionError, SolveError
+from ..forward import ForwardProblem, as_loads
+from ..robot.actuation import Actuation
+from ..robot.checks import Array, array, choice, flag, number
+from ..robot.loads import Load
+from ..robot.robot import Robot
+from .limits import Allowed, JointLimits, joints_of
+from .path import Broken, Follower, targets_of
+from .result import InverseKinematicsPath, InverseKinematicsResult, InverseKinematicsStatus
+from .search import Ending, Point, Search
+from .starts import Starts
+from .targets import LENGTH, Target
+
+_FORWARD, _LEAST_FORWARD = 0.1, 1e-7  # errors of the forward solves: over the tolerance, and over the length
+CRITERIA: dict[str, Callable[[Point, float], float]] = {
+    "nearest": lambda _, distance: distance,
+    "distance": lambda _, distance: distance,
+    "torsion": lambda point, _: float(np.abs(point.equilibrium.last_iterate.torsional).max()),
+    "stability": lambda point, _: -point.equilibrium.stability,
+}
+"""What is small of the answer that is chosen."""
+
+
+class InverseKinematicsProblem:
+    """Find actuations that bring a robot's tip to a position, a position and an axis, or a pose.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    limits
+        What the joints may do; default: any angle, translations from where 0.1 mm of a tube stand out to 0, bases and
+        tips in the order of the tubes.
+    home
+        Where searches begin without an ``initial`` shape; default: no rotation and every tube half drawn back, or the
+        nearest to that within the limits.
+    criterion
+        Which of several answers. ``"nearest"``: the first one found, moved to the place nearest to where the search
+        began that steps with the same tip lead to. Or the best of all ``starts``: by least ``"distance"``, by the least
+        ``"torsion"`` (largest torsional moment at a base), or by the most ``"stability"`` (smallest eigenvalue of the
+        second variation of the potential energy against its elastic part).
+    starts
+        From how many shapes searches begin at most: the initial one, then random stable ones with the tip near.
+    weights
+        ``(2 tubes,)``: what a radian, then what a metre of each joint counts in distances. Default: 1 and 50, so that a
+        radian counts as much as 20 mm.
+    tolerance, angle_tolerance
+        Largest accepted distance of the tip, m, and angle of its axis or frame, rad. Forward solves are accurate to a
+        tenth of the former.
+    compiled
+        Default: compiled code for what it knows, where there is a compiler (waiting some seconds the first time on a
+        machine); ``False``: CasADi's virtual machine, hundreds of times slower; ``True``: an error without compiler.
+
+    Notes
+    -----
+    ``docs/inverse_kinematics.md``. Searches are damped Gauss-Newton steps with the exact Jacobian within the limits,
+    each solved on the branch of the shape before it; break points are sorted anew in every solve.
+
+    Examples
+    --------
+    >>> import ctr_opt as ctr
+    >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+    >>> problem = ctr.InverseKinematicsProblem(ctr.Robot([tube]))
+    >>> answer = problem.solve([0.02, 0.0, 0.065984])  # on the surface that this tip sweeps
+    >>> answer.status.description, round(answer.actuation.translations[0], 3)
+    ('converged', -0.03)
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        limits: JointLimits | None = None,
+        home: Actuation | None = None,
+        criterion: str = "nearest",
+        starts: int = 20,
+        weights: Any = None,
+        tolerance: float = 1e-6,
+        angle_tolerance: float = 1e-4,
+        compiled: bool | None = None,
+    ) -> None:
+        if not isinstance(limits, (JointLimits, type(None))):
+            raise DefinitionError(f"limits = {limits!r} must be JointLimits")
+        accepted = number(tolerance, "tolerance", least=1e-9, most=1e-2, unit="m")
+        self.tolerances = accepted, number(angle_tolerance, "angle_tolerance", least=1e-8, most=1.0, unit="rad")
+        self.criterion = choice(criterion, "criterion", tuple(CRITERIA))
+        if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+            raise DefinitionError(f"starts = {starts!r} must be a whole number, at least 1")
+        self.starts = starts
+        wanted = compiled if compiled is None else flag(compiled, "compiled")
+        self.forward = _forward(robot, accepted, wanted)
+        self.robot, self.limits = robot, limits or JointLimits()
+        self.weights = _weights(weights, len(robot.tubes))
+        self._allowed = Allowed.of(robot, self.limits)
+        self.home = self._home_of(home)
+        self._starts = Starts(self.forward, self._allowed, joints_of(self.home))
+        if self.forward.compiles:  # a fifth of a second; else half a minute, which is spent where it is needed
+            _ = self._starts.table
+
+    def solve(
+        self,
+        target_position: Any = None,
+        loads: Sequence[Load] = (),
+        initial: Equilibrium | None = None,
+        *,
+        target_axis: Any = None,
+        target_pose: Any = None,
+    ) -> InverseKinematicsResult:
+        """Find an actuation for one target.
+
+        Parameters
+        ----------
+        target_position
+            Where the tip shall be, ``(3,)``, m, world frame.
+        loads
+            The loads under which it shall be there.
+        initial
+            The current shape, under these loads or others: where the search begins, and what is near; default: home.
+        target_axis
+            With a position: the direction of the tip's axis, ``(3,)``, of any length.
+        target_pose
+            Instead: the pose of the tip, ``(4, 4)``, of the innermost tube that ends there.
+
+        Raises
+        ------
+        DefinitionError
+            A target of the wrong shape, an ``initial`` outside the limits, a load that finds no place, and the like.
+        SolveError
+            No start has a stable equilibrium under these loads.
+        """
+        target = Target.of(target_position, target_axis, target_pose)
+        return self._solved(target, as_loads(loads), None if initial is None else self._checked(initial))
+
+    def solve_path(
+        self,
+        targets: Any,
+        loads: Sequence[Any] = (),
+        initial: Equilibrium | None = None,
+        *,
+        axes: Any = None,
+        longest_step: tuple[float, float] = (0.2, 5e-3),
+        throw: bool = True,
+    ) -> InverseKinematicsPath:
+        """Follow a path of targets without a jump, through stable shapes only.
+
+        Each answer is the nearest to the one before and on its branch along the straight way of the joints; where steps
+        would be too long, targets are put in between.
+
+        Parameters
+        ----------
+        targets
+            Positions of the tip ``(k, 3)``, m, or poses ``(k, 4, 4)``.
+        loads
+            One list of loads for all targets, or a list of them for each: where it changes, the robot is first loaded
+            as it stands.
+        initial
+            The current shape, from which the path leads to the first target; default: it begins at the first target.
+            So is a path planned anew when a load appears: from the current shape, with the new loads.
+        axes
+            With positions: the directions of the tip's axis, ``(k, 3)``.
+        longest_step
+            By how much a rotation, rad, and a translation, m, change at most from one answer to the next.
+        throw
+            Raise ``SolveError`` where the path breaks off; otherwise return what there is.
+
+        Raises
+        ------
+        DefinitionError
+            As :meth:`solve`.
+        SolveError
+            The path breaks off: where and why; ``.result`` is the path up to there.
+        """
+        places = targets_of(targets, axes)
+        every = rows_of_loads(loads, len(places))
+        follower = Follower(self.search, np.repeat(_longest(longest_step), len(self.robot.tubes)))
+        here = None if initial is None else self._checked(initial)
+        message = ""
+        for k, (target, own) in enumerate(zip(places, every, strict=True)):
+            try:
+                here = self._begun(follower, target, own) if here is None else follower.advance(here, target, own)
+            except Broken as broken:
+                message = f"the path breaks off on the way to targets[{k}]: {broken}"
+                break
+        path = follower.path(message)
+        if message and throw:
+            raise SolveError(message, path)
+        return path
+
+    def search(self, target: Target, loads: tuple[Load, ...]) -> Search:
+        """The way to a target, for code that takes it from a start of its own."""
+        allowed = Allowed.of(self.robot, self.limits, loads) if loads else self._allowed
+        return Search(self.forward, loads, allowed, self.weights, target, self.tolerances)
+
+    # -- internals -------------------------------------------------------------------------------------------------
+
+    def _solved(self, target: Target, loads: tuple[Load, ...], initial: Equilibrium | None) -> InverseKinematicsResult:
+        begin = perf_counter()
+        reference = joints_of(self.home if initial is None else initial.actuation)
+        search = self.search(target, loads)
+        found: list[tuple[Point, Ending]] = []
+        for start in islice(self._starts.points(search, initial, reference), self.starts):
+            found.append(search.reach(start))
+            if self.criterion == "nearest" and search.reached(*found[-1]):
+                break
+        point, ending = self._best(search, found, reference)
+        return _result(search, point, ending, reference, len(found), begin)
+
+    def _begun(self, follower: Follower, target: Target, loads: tuple[Load, ...]) -> Equilibrium:
+        """The shape at the first target, from any start."""
+        answer = self._solved(target, loads, None)
+        if not answer.converged:
+            raise Broken(answer.message)
+        follower.points.append(Point(answer.equilibrium, target))
+        follower.waypoints.append(0)
+        return answer.equilibrium
+
+    def _best(self, search: Search, found: list[tuple[Point, Ending]], reference: Array) -> tuple[Point, Ending]:
+        """Of the answers the best, or where there are none what is nearest to the target."""
+        stable = [(point, ending) for point, ending in found if search.stable(point)]
+        answers = [point for point, ending in stable if ending is Ending.REACHED]
+        if not stable:
+            raise SolveError(f"none of {len(found)} starts has a stable equilibrium under these loads")
+        if not answers:
+            return min(stable, key=lambda each: each[0].cost)
+        if self.criterion in ("nearest", "distance"):
+            answers = [search.settle(point, reference) for point in answers]
+        measure = CRITERIA[self.criterion]
+        return min(answers, key=lambda point: measure(point, search.distance(point, reference))), Ending.REACHED
+
+    def _home_of(self, given: Actuation | None) -> Actuation:
+        tubes = len(self.robot.tubes)
+        if given is None:
+            middle = [-0.5 * tube.length for tube in self.robot.tubes]
+            joints = self._allowed.nearest(np.concatenate((np.zeros(tubes), middle)), self.weights)
+            return Actuation(*np.split(joints, 2))
+        if not isinstance(given, Actuation) or len(given.rotations) != tubes:
+            raise DefinitionError(f"home = {given!r} must be an Actuation of {tubes} tubes")
+        self._check_limits(given, "home")
+        return given
+
+    def _checked(self, initial: Equilibrium) -> Equilibrium:
+        if not isinstance(initial, Equilibrium) or not initial.converged or initial.robot != self.robot:
+            raise DefinitionError(f"initial = {initial!r} must be a solved Equilibrium of this problem's robot")
+        self._check_limits(initial.actuation, "initial")
+        return initial
+
+    def _check_limits(self, actuation: Actuation, field: str) -> None:
+        exceeded = self._allowed.exceeded(joints_of(actuation))
+        if exceeded:
+            raise DefinitionError(f"{field} = {actuation!r} exceeds the limits: {'; '.join(exceeded)}")
+
+
+def _forward(robot: Robot, tolerance: float, compiled: bool | None) -> ForwardProblem:
+    """Forward solves that are accurate enough, compiled where that is wanted and possible."""
+    if not isinstance(robot, Robot):
+        raise DefinitionError(f"robot = {robot!r} must be a Robot")
+    relative = _FORWARD * tolerance / max(tube.length for tube in robot.tubes)
+    forward = ForwardProblem(robot, tolerance=min(_LEAST_FORWARD, relative), compiled=compiled)
+    if compiled is None:
+        with suppress(CompilationError):
+            forward.compile()
+    return forward
+
+
+def _longest(given: Any) -> Array:
+    steps = array(given, "longest_step", (2,))
+    if steps.min() <= 0.0:
+        raise DefinitionError(f"longest_step = {steps.tolist()} must be above 0: rotation (rad) and translation (m)")
+    return steps
+
+
+def _weights(given: Any, tubes: int) -> Array:
+    weights = np.repeat([1.0, 1.0 / LENGTH], tubes) if given is None else array(given, "weights", (2 * tubes,))
+    if weights.min() <= 0.0:
+        k = int(weights.argmin())
+        raise DefinitionError(f"weights[{k}] = {weights[k]:g} must be above 0")
+    return weights
+
+
+def _result(
+    search: Search, point: Point, ending: Ending, reference: Array, starts: int, begin: float
+) -> InverseKinematicsResult:
+    position, angle = search.target.errors(point.equilibrium)
+    reached, limits = ending is Ending.REACHED, search.allowed.active(point.joints)
+    return InverseKinematicsResult(
+        actuation=point.equilibrium.actuation,
+        equilibrium=point.equilibrium,
+        position_error=position,
+        angle_error=angle,
+        status=InverseKinematicsStatus.CONVERGED if reached else InverseKinematicsStatus.UNREACHABLE,
+        message="" if reached else _why(search, ending, (position, angle), starts, limits),
+        limits=limits,
+        distance=search.distance(point, reference),
+        starts=starts,
+        solve_time=perf_counter() - begin,
+    )
+
+
+def _why(search: Search, ending: Ending, errors: tuple[float, float], starts: int, limits: tuple[str, ...]) -> str:
+    turned = f" and {np.rad2deg(errors[1]):.3g} deg" if search.target.turns else ""
+    met = f"; at its limits: {', '.join(limits)}" if limits else ""
+    return (
+        f"the nearest stable shape found from {starts} start{'s' if starts > 1 else ''} leaves the tip "
+        f"{1e3 * errors[0]:.3g} mm{turned} from the target: {ending.value}{met}"
+    )
