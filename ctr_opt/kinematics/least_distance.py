@@ -21,15 +21,15 @@ def least_distance(rows: Array, most: Array) -> Array | None:
     wanted = np.zeros(len(system))
     wanted[-1] = 1.0
     left = system @ nnls(system, wanted)[0] - wanted
-    return None if -left[-1] < _CONTRADICTION else -left[:-1] / left[-1]
+    return None if -left[-1] < _CONTRADICTION else np.asarray(-left[:-1] / left[-1])
 
 
 def bounded_step(hessian: Array, gradient: Array, rows: Array, room: Array) -> Array:
     """The step ``d`` of least ``d^T hessian d / 2 + gradient^T d`` with ``rows d <= room``, where ``room >= 0``."""
     root = np.linalg.cholesky(hessian)
-    free = -np.linalg.solve(hessian, gradient)
+    free = np.asarray(-np.linalg.solve(hessian, gradient))
     left = room - rows @ free
     if (left >= 0.0).all():
         return free
     change = least_distance(np.linalg.solve(root, rows.T).T, left)
-    return np.zeros_like(free) if change is None else free + np.linalg.solve(root.T, change)
+    return np.zeros_like(free) if change is None else np.asarray(free + np.linalg.solve(root.T, change))

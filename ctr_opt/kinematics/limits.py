@@ -31,8 +31,20 @@ def _ranges(value: Any, field: str, unit: str) -> Array | None:
     return ranges
 
 
-def _gap(value: Any, field: str) -> float | None:
-    return None if value is None else number(value, field, least=0.0, unit="m")
+def _rotations(value: Any) -> Array | None:
+    return _ranges(value, "rotations", "rad")
+
+
+def _translations(value: Any) -> Array | None:
+    return _ranges(value, "translations", "m")
+
+
+def _base_gap(value: Any) -> float | None:
+    return None if value is None else number(value, "base_gap", least=0.0, unit="m")
+
+
+def _tip_gap(value: Any) -> float | None:
+    return None if value is None else number(value, "tip_gap", least=0.0, unit="m")
 
 
 @attrs.frozen
@@ -58,14 +70,10 @@ class JointLimits:
     0.0
     """
 
-    rotations: Array | None = attrs.field(
-        default=None, converter=lambda x: _ranges(x, "rotations", "rad"), eq=ARRAY_EQ, hash=False
-    )
-    translations: Array | None = attrs.field(
-        default=None, converter=lambda x: _ranges(x, "translations", "m"), eq=ARRAY_EQ, hash=False
-    )
-    base_gap: float | None = attrs.field(default=0.0, converter=lambda x: _gap(x, "base_gap"))
-    tip_gap: float | None = attrs.field(default=1e-4, converter=lambda x: _gap(x, "tip_gap"))
+    rotations: Array | None = attrs.field(default=None, converter=_rotations, eq=ARRAY_EQ, hash=False)
+    translations: Array | None = attrs.field(default=None, converter=_translations, eq=ARRAY_EQ, hash=False)
+    base_gap: float | None = attrs.field(default=0.0, converter=_base_gap)
+    tip_gap: float | None = attrs.field(default=1e-4, converter=_tip_gap)
 
 
 @attrs.frozen(eq=False)
@@ -110,29 +118,26 @@ class Allowed:
         return np.clip(joints, self.lower, self.upper)
 
     def drawn(self, start: Array, count: int, rng: np.random.Generator) -> Array:
-        """Random allowed joints ``(count, 2 tubes)``: angles, free ones within a turn, and translations.
+        """Random joints ``(count, 2 tubes)`` from allowed ones on: angles, free ones within a turn, and translations.
 
-        Translations by hit-and-run: from allowed ones, to a random place on the line in a random direction, and so on.
+        Translations by hit-and-run: to a random place on the line in a random direction, and so on.
         """
         tubes = len(start) // 2
-        least, most = np.maximum(self.lower[:tubes], -np.pi), np.minimum(self.upper[:tubes], np.pi)
-        angles = np.where(least <= most, [least, most], [self.lower[:tubes], self.upper[:tubes]])
-        rows, here = self.rows[:, tubes:], start[tubes:]
-        free = self.lower[tubes:] < self.upper[tubes:]
-        places = np.empty((count, tubes))
+        free = np.isinf(self.lower[:tubes]) | np.isinf(self.upper[:tubes])
+        least, most = np.where(free, -np.pi, self.lower[:tubes]), np.where(free, np.pi, self.upper[:tubes])
+        here, moves = start.copy(), np.arange(2 * tubes) >= tubes
+        moves &= self.lower < self.upper
+        found = np.empty((count, 2 * tubes))
         for k in range(_MIXING * count):
-            along = free * rng.normal(size=tubes)
-            room, rate = self.most - self.rows[:, :tubes] @ start[:tubes] - rows @ here, rows @ along
-            if rate.any():
-                low, high = (room[rate < 0.0] / rate[rate < 0.0]).max(), (room[rate > 0.0] / rate[rate > 0.0]).min()
-                here = np.clip(here + rng.uniform(min(low, 0.0), max(high, 0.0)) * along, *self._translations)
-            places[k // _MIXING] = here
-        return np.hstack((rng.uniform(*angles, (count, tubes)), places))
-
-    @property
-    def _translations(self) -> tuple[Array, Array]:
-        tubes = len(self.lower) // 2
-        return self.lower[tubes:], self.upper[tubes:]
+            along = moves * rng.normal(size=2 * tubes)
+            room, rate = self.room(here), self.rows @ along
+            up, down = rate > 0.0, rate < 0.0
+            if up.any():
+                low, high = (room[down] / rate[down]).max(initial=-np.inf), (room[up] / rate[up]).min()
+                here = self.kept(here + rng.uniform(min(low, 0.0), max(high, 0.0)) * along)
+            found[k // _MIXING] = here
+        found[:, :tubes] = least + (most - least) * rng.random((count, tubes))
+        return found
 
 
 def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[Array, Array]:

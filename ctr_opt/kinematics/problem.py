@@ -30,7 +30,7 @@ CRITERIA: dict[str, Callable[[Point, float], float]] = {
     "nearest": lambda _, distance: distance,
     "distance": lambda _, distance: distance,
     "torsion": lambda point, _: float(np.abs(point.equilibrium.last_iterate.torsional).max()),
-    "stability": lambda point, _: -point.equilibrium.stability,
+    "stability": lambda point, _: -(point.equilibrium.stability or 0.0),
 }
 """What is small of the answer that is chosen."""
 
@@ -75,9 +75,9 @@ class InverseKinematicsProblem:
     >>> import ctr_opt as ctr
     >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
     >>> problem = ctr.InverseKinematicsProblem(ctr.Robot([tube]))
-    >>> answer = problem.solve([0.02, 0.0, 0.065984])  # on the surface that this tip sweeps
-    >>> answer.status.description, round(answer.actuation.translations[0], 3)
-    ('converged', -0.03)
+    >>> answer = problem.solve([0.023516, 0.0, 0.064422])  # on the surface that this tip sweeps
+    >>> answer.status.description, answer.actuation.translations.round(3).tolist()
+    ('converged', [-0.03])
     """
 
     def __init__(

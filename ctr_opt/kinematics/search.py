@@ -24,7 +24,7 @@ from .targets import Target
 
 _MOST_STEPS = 60
 _LONGEST, _SHORTEST = 0.5, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
-_DAMPING, _LEAST_DAMPING = 1e-3, 1e-8  # over the squared misfit; of all
+_DAMPING, _LEAST_DAMPING = 1e-2, 1e-8  # over the squared misfit, up to one; of all
 _GOOD, _POOR, _USELESS = 0.75, 0.25, 1e-3  # gained of what a step promised
 _NOTHING = 1e-6  # of the squared misfit: steps that promise less lead nowhere
 _SETTLED = 1e-2  # of the distance: nearer is not worth a step
@@ -94,7 +94,7 @@ class Search:
             if self.met(point, 0.5):  # the other half is left to the errors of the solves
                 return point, Ending.REACHED
             rates, misfit = self._rates(point), point.misfit
-            hessian = rates.T @ rates + max(damping * point.cost, _LEAST_DAMPING) * np.eye(len(self.weights))
+            hessian = rates.T @ rates + max(damping * min(point.cost, 1.0), _LEAST_DAMPING) * np.eye(len(self.weights))
             step = bounded_step(hessian, -rates.T @ misfit, *self._room(point))
             size = float(np.abs(step).max())
             step *= min(1.0, longest / max(size, longest))
@@ -130,7 +130,7 @@ class Search:
         return float(np.linalg.norm(self.weights * (joints - point.joints)))
 
     def settle(self, point: Point, joints: Array) -> Point:
-        """From the target to the place with the same tip that is nearest to other joints, as far as steps lead there."""
+        """To the place with the same tip that is nearest to other joints, as far as steps lead there."""
         longest = _LONGEST
         for _ in range(_SETTLING):
             wanted = self.weights * (joints - point.joints)

@@ -33,15 +33,17 @@ class Starts:
         """Joints ``(k, 2 tubes)``, and the tips' poses as seen from the entry ``(k, 4, 4)``."""
         count = _SHAPES if self._forward.compiles else _SHAPES_SLOW
         joints = self._allowed.drawn(self._home, count, np.random.default_rng(_SEED))
-        shapes = self._forward.solve_many(tuple(np.hsplit(joints, 2)), chained=False)
+        rotations, translations = np.hsplit(joints, 2)
+        shapes = self._forward.solve_many((rotations, translations), chained=False)
         stable = [k for k, shape in enumerate(shapes) if shape.converged and shape.is_stable]
         poses = np.array([shapes[k].tip_pose for k in stable]).reshape(-1, 4, 4)
         return joints[stable], np.linalg.inv(self._forward.robot.base_pose) @ poses
 
     def points(self, search: Search, initial: Equilibrium | None, reference: Array) -> Iterator[Point]:
-        """Shapes under the loads of a search: the initial one, or home; then others, the nearest to the target first."""
-        first = self._at(search, search.allowed.nearest(self._home, search.weights)) if initial is None else None
-        if initial is not None:
+        """Shapes under the loads of a search: the initial one or home, then others, the nearest to the target first."""
+        if initial is None:
+            first = self._at(search, search.allowed.nearest(self._home, search.weights))
+        else:
             first = loaded(search, initial)
         if first is not None:
             yield Point(first, search.target)
@@ -82,9 +84,9 @@ def _apart(wanted: Target, poses: Array, turns: Array) -> Array:
     positions = np.einsum("kij,kj->ki", about, poses[:, :3, 3])
     distances = np.linalg.norm(positions - wanted.position, axis=1)
     if not wanted.turns:
-        return distances
+        return np.asarray(distances)
     frames = about @ poses[:, :3, :3]
     own = frames[:, :, 3 - wanted.axes.shape[1] :]
     alike = (own * wanted.axes).sum(axis=(1, 2))
     cosine = alike if wanted.axes.shape[1] == 1 else 0.5 * (alike - 1.0)
-    return np.hypot(distances, LENGTH * np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return np.asarray(np.hypot(distances, LENGTH * np.arccos(np.clip(cosine, -1.0, 1.0))))

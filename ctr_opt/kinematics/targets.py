@@ -17,7 +17,7 @@ LENGTH = 0.02
 
 @attrs.frozen(eq=False)
 class Target:
-    """Position, m, and of the tip's frame nothing, the direction of its z axis, or all of it: ``(3, 0), (3, 1), (3, 3)``."""
+    """Position ``(3,)``, m, and the axes of the tip's frame that are wanted: none ``(3, 0)``, z ``(3, 1)``, or all."""
 
     position: Array
     axes: Array
