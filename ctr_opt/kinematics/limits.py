@@ -16,7 +16,7 @@ from ..robot.loads import Load
 from ..robot.robot import Robot
 from .least_distance import least_distance
 
-_REACH = 1e-4  # m: what of every tube stands out of the entry, unless said otherwise
+_REACH = 1e-4  # m: what of a tube stands out of the entry, and ends beyond a load on it
 _ROUNDING = 1e-9  # rad, m: what is nearer is at the limit
 _MIXING = 5  # places on random lines from one draw of translations to the next
 
@@ -141,7 +141,7 @@ class Allowed:
 
 
 def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[Array, Array]:
-    """Least and most of every joint; the tubes reach as far as the loads on them."""
+    """Least and most of every joint; the tubes reach beyond the loads on them."""
     tubes = len(robot.tubes)
     lengths = np.array([tube.length for tube in robot.tubes])
     lower, upper = np.full(2 * tubes, -np.inf), np.full(2 * tubes, np.inf)
@@ -157,7 +157,7 @@ def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[A
         for place in places:
             tube = getattr(load, "tube", tubes)
             if place is not None and tube < tubes:
-                lower[tubes + tube] = max(lower[tubes + tube], place - lengths[tube])
+                lower[tubes + tube] = max(lower[tubes + tube], place - lengths[tube] + _REACH)
     return lower, upper
 
 

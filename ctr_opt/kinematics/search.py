@@ -26,6 +26,7 @@ _MOST_STEPS = 60
 _LONGEST, _SHORTEST = 0.5, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
 _DAMPING, _LEAST_DAMPING = 1e-2, 1e-8  # over the squared misfit, up to one; of all
 _GOOD, _POOR, _USELESS = 0.75, 0.25, 1e-3  # gained of what a step promised
+_AIM, _ENOUGH = 0.5, 0.9  # of the tolerances: sought, and accepted; a tenth is left to the errors of the solves
 _NOTHING = 1e-6  # of the squared misfit: steps that promise less lead nowhere
 _SETTLED = 1e-2  # of the distance: nearer is not worth a step
 _SETTLING = 8  # such steps at most
@@ -39,7 +40,7 @@ class Ending(Enum):
     REACHED = "the target is reached"
     STUCK = "no motion that the limits allow goes nearer"
     SNAPS = "the robot would snap on the way nearer"
-    SLOW = f"{_MOST_STEPS} steps did not suffice"
+    SLOW = f"it crept nearer still after {_MOST_STEPS} steps"
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -76,7 +77,7 @@ class Search:
     target: Target
     tolerances: tuple[float, float]
 
-    def met(self, point: Point, part: float = 1.0) -> bool:
+    def met(self, point: Point, part: float) -> bool:
         """Whether the errors are within a part of the tolerances."""
         position, angle = self.target.errors(point.equilibrium)
         return position <= part * self.tolerances[0] and angle <= part * self.tolerances[1]
@@ -91,7 +92,7 @@ class Search:
         """To the target, or as near as it goes from here."""
         damping, longest, ending = _DAMPING, _LONGEST, Ending.STUCK
         for _ in range(_MOST_STEPS):
-            if self.met(point, 0.5):  # the other half is left to the errors of the solves
+            if self.met(point, _AIM):
                 return point, Ending.REACHED
             rates, misfit = self._rates(point), point.misfit
             hessian = rates.T @ rates + max(damping * min(point.cost, 1.0), _LEAST_DAMPING) * np.eye(len(self.weights))
@@ -115,7 +116,7 @@ class Search:
                 break
         else:
             ending = Ending.SLOW
-        return point, Ending.REACHED if self.met(point) else ending
+        return point, Ending.REACHED if self.met(point, _ENOUGH) else ending
 
     def reached(self, point: Point, ending: Ending) -> bool:
         """Whether this is an answer."""
