@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import attrs
@@ -11,7 +10,6 @@ import numpy as np
 from ..equilibrium import Equilibrium
 from ..errors import DefinitionError
 from ..robot.checks import Array, array
-from ..robot.loads import Load
 from .limits import joints_of
 from .result import InverseKinematicsPath, InverseKinematicsStatus
 from .search import Ending, Point, Search
@@ -28,33 +26,32 @@ class Broken(Exception):  # noqa: N818 - never leaves this package
 
 @attrs.define(eq=False)
 class Follower:
-    """The points of a path so far: ``points``, and which of them are ``waypoints``.
+    """The points of a path so far, and which of them are targets that were given: ``waypoints``.
 
-    ``search``: of a target under loads; ``longest``: changes of the joints ``(2 tubes,)`` from point to point.
+    ``longest``: changes of the joints ``(2 tubes,)`` from point to point.
     """
 
-    search: Callable[[Target, tuple[Load, ...]], Search]
     longest: Array
     points: list[Point] = attrs.field(factory=list)
     waypoints: list[int] = attrs.field(factory=list)
 
-    def advance(self, here: Equilibrium, target: Target, loads: tuple[Load, ...]) -> Equilibrium:
-        """From a shape to a target, over places in between where steps would be too long."""
-        search = self.search(target, loads)
+    def advance(self, here: Equilibrium, search: Search) -> Equilibrium:
+        """From a shape to the target of a search, over places in between where steps would be too long."""
         shape = loaded(search, here)
         if shape is None:
             raise Broken("the robot snaps when the loads change")
-        start, done, part = target.at(shape), 0.0, 1.0
+        start, done, part = search.target.at(shape), 0.0, 1.0
         while done < 1.0:
-            point, why = self._step(shape, start.toward(target, done + part) if done + part < 1.0 else target, loads)
-            if why:
-                part *= 0.5
-                if part < _LEAST_PART:
-                    raise Broken(why)
+            place = search.target if done + part == 1.0 else start.toward(search.target, done + part)
+            point, why = self._step(shape, attrs.evolve(search, target=place))
+            if not why:
+                self.points.append(point)
+                shape, done = point.equilibrium, done + part
+                part = min(2.0 * part, 1.0 - done)
                 continue
-            self.points.append(point)
-            shape, done = point.equilibrium, done + part
-            part = min(2.0 * part, 1.0 - done)
+            part *= 0.5
+            if part < _LEAST_PART:
+                raise Broken(why)
         self.waypoints.append(len(self.points) - 1)
         return shape
 
@@ -72,10 +69,10 @@ class Follower:
             message=message,
         )
 
-    def _step(self, here: Equilibrium, target: Target, loads: tuple[Load, ...]) -> tuple[Point, str]:
+    def _step(self, here: Equilibrium, search: Search) -> tuple[Point, str]:
         """The next point, and why it is none."""
-        search, before = self.search(target, loads), joints_of(here.actuation)
-        point, ending = search.reach(Point(here, target))
+        start, before = Point(here, search.target), joints_of(here.actuation)
+        point, ending = search.reach(start)
         if ending is not Ending.REACHED:
             return point, _with_limits(ending.value, search, point)
         point = search.settle(point, before)
@@ -83,7 +80,7 @@ class Follower:
             return point, "the shape becomes unstable"
         if (np.abs(point.joints - before) > self.longest).any():
             return point, _with_limits("the joints would have to jump", search, point)
-        straight = search.moved(Point(here, target), search.weights * (point.joints - before))
+        straight = search.moved(start, search.weights * (point.joints - before))
         if straight is None or not search.met(straight, _SAME):
             return point, "the robot would snap on the way of the joints"
         return point, ""

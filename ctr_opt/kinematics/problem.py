@@ -26,6 +26,7 @@ from .starts import Starts
 from .targets import LENGTH, Target
 
 _FORWARD, _LEAST_FORWARD = 0.1, 1e-7  # errors of the forward solves: over the tolerance, and over the length
+_BREAKS = "the path breaks off on the way to targets[{}]: {}"
 CRITERIA: dict[str, Callable[[Point, float], float]] = {
     "nearest": lambda _, distance: distance,
     "distance": lambda _, distance: distance,
@@ -108,7 +109,7 @@ class InverseKinematicsProblem:
         self._allowed = Allowed.of(robot, self.limits)
         self.home = self._home_of(home)
         self._starts = Starts(self.forward, self._allowed, joints_of(self.home))
-        if self.forward.compiles:  # a fifth of a second; else half a minute, which is spent where it is needed
+        if self.forward.compiles:  # some tenths of a second; else seconds, which are spent where they are needed
             _ = self._starts.table
 
     def solve(
@@ -125,7 +126,7 @@ class InverseKinematicsProblem:
         Parameters
         ----------
         target_position
-            Where the tip shall be, ``(3,)``, m, world frame.
+            Where the tip shall be, ``(3,)``, m, world frame; a pose ``(4, 4)`` counts as ``target_pose``.
         loads
             The loads under which it shall be there.
         initial
@@ -168,8 +169,9 @@ class InverseKinematicsProblem:
             One list of loads for all targets, or a list of them for each: where it changes, the robot is first loaded
             as it stands.
         initial
-            The current shape, from which the path leads to the first target; default: it begins at the first target.
-            So is a path planned anew when a load appears: from the current shape, with the new loads.
+            The current shape, from which the path leads to the first target. So is a path planned anew when a load
+            appears: from the current shape, with the new loads. Default: it begins at the first target, with the first
+            of several answers there from which it leads to the last.
         axes
             With positions: the directions of the tip's axis, ``(k, 3)``.
         longest_step
@@ -186,18 +188,14 @@ class InverseKinematicsProblem:
         """
         places = targets_of(targets, axes)
         every = rows_of_loads(loads, len(places))
-        follower = Follower(self.search, np.repeat(_longest(longest_step), len(self.robot.tubes)))
-        here = None if initial is None else self._checked(initial)
-        message = ""
-        for k, (target, own) in enumerate(zip(places, every, strict=True)):
-            try:
-                here = self._begun(follower, target, own) if here is None else follower.advance(here, target, own)
-            except Broken as broken:
-                message = f"the path breaks off on the way to targets[{k}]: {broken}"
-                break
-        path = follower.path(message)
-        if message and throw:
-            raise SolveError(message, path)
+        searches = [self.search(target, own) for target, own in zip(places, every, strict=True)]
+        longest = np.repeat(_longest(longest_step), len(self.robot.tubes))
+        if initial is None:
+            path = self._from_anywhere(searches, longest)
+        else:
+            path = _followed(searches, self._checked(initial), Follower(longest))
+        if throw and not path.converged:
+            raise SolveError(path.message, path)
         return path
 
     def search(self, target: Target, loads: tuple[Load, ...]) -> Search:
@@ -219,14 +217,20 @@ class InverseKinematicsProblem:
         point, ending = self._best(search, found, reference)
         return _result(search, point, ending, reference, len(found), begin)
 
-    def _begun(self, follower: Follower, target: Target, loads: tuple[Load, ...]) -> Equilibrium:
-        """The shape at the first target, from any start."""
-        answer = self._solved(target, loads, None)
-        if not answer.converged:
-            raise Broken(answer.message)
-        follower.points.append(Point(answer.equilibrium, target))
-        follower.waypoints.append(0)
-        return answer.equilibrium
+    def _from_anywhere(self, searches: list[Search], longest: Array) -> InverseKinematicsPath:
+        """A path that begins at its first target, with the answer from which it leads to the last, or furthest."""
+        first, home, furthest = searches[0], joints_of(self.home), None
+        for start in islice(self._starts.points(first, None, home), self.starts):
+            point, ending = first.reach(start)
+            if not first.reached(point, ending):
+                continue
+            point = first.settle(point, home)
+            path = _followed(searches, point.equilibrium, Follower(longest, [point], [0]))
+            if furthest is None or len(path.waypoints) > len(furthest.waypoints):
+                furthest = path
+            if path.converged:
+                break
+        return furthest or Follower(longest).path(_BREAKS.format(0, "it is reached from no start"))
 
     def _best(self, search: Search, found: list[tuple[Point, Ending]], reference: Array) -> tuple[Point, Ending]:
         """Of the answers the best, or where there are none what is nearest to the target."""
@@ -262,6 +266,16 @@ class InverseKinematicsProblem:
         exceeded = self._allowed.exceeded(joints_of(actuation))
         if exceeded:
             raise DefinitionError(f"{field} = {actuation!r} exceeds the limits: {'; '.join(exceeded)}")
+
+
+def _followed(searches: list[Search], here: Equilibrium, follower: Follower) -> InverseKinematicsPath:
+    """From a shape through the targets that are left."""
+    for k in range(len(follower.waypoints), len(searches)):
+        try:
+            here = follower.advance(here, searches[k])
+        except Broken as broken:
+            return follower.path(_BREAKS.format(k, broken))
+    return follower.path("")
 
 
 def _forward(robot: Robot, tolerance: float, compiled: bool | None) -> ForwardProblem:

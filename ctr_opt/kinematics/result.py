@@ -35,7 +35,7 @@ class InverseKinematicsStatus(Enum):
         self.advice = advice
 
 
-@attrs.frozen(eq=False, kw_only=True)
+@attrs.frozen(eq=False, kw_only=True, repr=False)
 class InverseKinematicsResult:
     """The answer to one target; where it is unreachable, the nearest that was found.
 
@@ -97,8 +97,11 @@ class InverseKinematicsResult:
     def __str__(self) -> str:
         return self.report()
 
+    def __repr__(self) -> str:
+        return f"<InverseKinematicsResult: {self.status.description}, {self.position_error:.2g} m off the target>"
 
-@attrs.frozen(eq=False, kw_only=True)
+
+@attrs.frozen(eq=False, kw_only=True, repr=False)
 class InverseKinematicsPath:
     """Actuations along a path, each next to the one before; where it breaks off, those up to there.
 

@@ -31,7 +31,7 @@ _NOTHING = 1e-6  # of the squared misfit: steps that promise less lead nowhere
 _SETTLED = 1e-2  # of the distance: nearer is not worth a step
 _SETTLING = 8  # such steps at most
 _SINGULAR = 1e-6  # of the largest singular value
-_BESIDE = 1e-7  # m
+_BESIDE = 1e-7  # m: by so much tubes are drawn back, each outer one more, to part break points that coincide
 
 
 class Ending(Enum):
@@ -39,7 +39,7 @@ class Ending(Enum):
 
     REACHED = "the target is reached"
     STUCK = "no motion that the limits allow goes nearer"
-    SNAPS = "the robot would snap on the way nearer"
+    SNAPS = "the robot would snap, or its branch be in doubt, on the way nearer"
     SLOW = f"it crept nearer still after {_MOST_STEPS} steps"
 
 
@@ -66,6 +66,21 @@ class Point:
         return float(self.misfit @ self.misfit)
 
 
+@attrs.define
+class _Trust:
+    """How far the linear model of the misfit is believed: damping of steps, and the longest of them, by each joint."""
+
+    damping: float = _DAMPING
+    longest: float = _LONGEST
+
+    def learn(self, gained: float, size: float) -> None:
+        """From what part of its promise a step of some size has kept."""
+        if gained > _GOOD:
+            self.damping, self.longest = 0.3 * self.damping, min(2.0 * self.longest, _LONGEST)
+        elif gained < _POOR:
+            self.damping, self.longest = 4.0 * self.damping, 0.25 * size
+
+
 @attrs.frozen(eq=False)
 class Search:
     """The way to one target: the problem, its loads, what is allowed, weights, and the errors of position and angle."""
@@ -90,33 +105,32 @@ class Search:
 
     def reach(self, point: Point) -> tuple[Point, Ending]:
         """To the target, or as near as it goes from here."""
-        damping, longest, ending = _DAMPING, _LONGEST, Ending.STUCK
+        trust, ending = _Trust(), Ending.SLOW
         for _ in range(_MOST_STEPS):
             if self.met(point, _AIM):
-                return point, Ending.REACHED
-            rates, misfit = self._rates(point), point.misfit
-            hessian = rates.T @ rates + max(damping * min(point.cost, 1.0), _LEAST_DAMPING) * np.eye(len(self.weights))
-            step = bounded_step(hessian, -rates.T @ misfit, *self._room(point))
-            size = float(np.abs(step).max())
-            step *= min(1.0, longest / max(size, longest))
-            size = min(size, longest)
-            promised = point.cost - float(((misfit - rates @ step) ** 2).sum())
+                break
+            step, promised = self._toward(point, trust)
             if promised <= _NOTHING * point.cost:
+                ending = Ending.STUCK
                 break
             trial = self.moved(point, step)
-            gained = -np.inf if trial is None else point.cost - trial.cost
-            if gained > _GOOD * promised:
-                damping, longest = 0.3 * damping, min(2.0 * longest, _LONGEST)
-            elif gained < _POOR * promised:
-                damping, longest = 4.0 * damping, 0.25 * size
-            if trial is not None and gained > _USELESS * promised:
-                point, ending = trial, Ending.STUCK
-            elif longest < _SHORTEST:
+            gained = -np.inf if trial is None else (point.cost - trial.cost) / promised
+            trust.learn(gained, float(np.abs(step).max()))
+            if trial is not None and gained > _USELESS:
+                point = trial
+            elif trust.longest < _SHORTEST:
                 ending = Ending.SNAPS if trial is None else Ending.STUCK
                 break
-        else:
-            ending = Ending.SLOW
         return point, Ending.REACHED if self.met(point, _ENOUGH) else ending
+
+    def _toward(self, point: Point, trust: _Trust) -> tuple[Array, float]:
+        """A step toward the target within limits and trust, and by how much it promises to lower the cost."""
+        rates, misfit = self._rates(point), point.misfit
+        damping = max(trust.damping * min(point.cost, 1.0), _LEAST_DAMPING)
+        hessian = rates.T @ rates + damping * np.eye(len(self.weights))
+        step = bounded_step(hessian, -rates.T @ misfit, *self._room(point))
+        step *= trust.longest / max(float(np.abs(step).max()), trust.longest)
+        return step, point.cost - float(((misfit - rates @ step) ** 2).sum())
 
     def reached(self, point: Point, ending: Ending) -> bool:
         """Whether this is an answer."""
