@@ -49,14 +49,14 @@ assert not found[-1].converged
 if len(sys.argv) > 1:
     import matplotlib.pyplot as plt
 
-    figure, views = plt.subplots(1, 2, figsize=(6.5, 6.0), sharey=True, layout="constrained")
-    for view, k, name in zip(views, (0, 1), "xy", strict=True):
+    figure, views = plt.subplots(2, 1, figsize=(7.0, 3.6), sharex=True, layout="constrained")
+    for view, k in zip(views, (0, 1), strict=True):
         for each in reached:
             shape = each.equilibrium
             along = 1e3 * shape.position(np.linspace(0.0, shape.length, 200))
-            view.plot(along[:, k], along[:, 2])
-        view.plot(*(1e3 * point[[k, 2]]), "ko")
-        view.set(xlabel=f"{name}, mm", aspect="equal")
-    views[0].set(ylabel="z, mm")
+            view.plot(along[:, 2], along[:, k])
+        view.plot(*(1e3 * point[[2, k]]), "ko")
+        view.set(ylabel=f"{'xy'[k]}, mm", aspect="equal")
+    views[1].set(xlabel="z, mm")
     figure.suptitle("one point, approached from several directions")
     save_figure(figure, sys.argv[1])

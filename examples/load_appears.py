@@ -52,7 +52,10 @@ if len(sys.argv) > 1:
     for positions, style in ((free.tip_positions, "C0-"), (under.tip_position, "C3--"), (anew.tip_positions, "C2.-")):
         top.plot(1e3 * positions[:, 0], 1e3 * positions[:, 1], style)
     top.legend(
-        ["planned, free", "the old plan under the load", "planned anew"], loc="upper center", bbox_to_anchor=(0.5, 0.8)
+        ["planned, free", "the old plan under the load", "planned anew"],
+        loc="upper center",
+        bbox_to_anchor=(0.46, 0.71),
+        fontsize="small",
     )
     top.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title="the tip, from above")
     for k, color in enumerate(("C0", "C1", "C2")):
