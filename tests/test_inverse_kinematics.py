@@ -97,6 +97,13 @@ def test_a_pose_may_stand_in_the_place_of_a_position(problem, shape):
     assert given.angle_error < ANGLE
 
 
+def test_where_stability_is_not_defined_it_is_said(problem, shape):
+    answer = problem.solve(shape.tip_position, [ctr.PointWrench(moment=[0.001, 0.0, 0.0])])
+    assert answer.converged
+    assert answer.stable is None
+    assert "stable          not defined" in answer.report()
+
+
 def test_criteria_choose_the_best_of_all_starts(shape):
     robot = ctr.load_robot(ROBOT_B)
     found = {}

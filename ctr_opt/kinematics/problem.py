@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import islice
 from time import perf_counter
@@ -18,22 +18,16 @@ from ..robot.actuation import Actuation
 from ..robot.checks import Array, array, choice, flag, number
 from ..robot.loads import Load
 from ..robot.robot import Robot
+from .answers import CRITERIA, answered, best
 from .limits import Allowed, JointLimits, joints_of
 from .path import Broken, Follower, targets_of
-from .result import InverseKinematicsPath, InverseKinematicsResult, InverseKinematicsStatus
+from .result import InverseKinematicsPath, InverseKinematicsResult
 from .search import Ending, Point, Search
 from .starts import Starts
 from .targets import LENGTH, Target
 
 _FORWARD, _LEAST_FORWARD = 0.1, 1e-7  # errors of the forward solves: over the tolerance, and over the length
 _BREAKS = "the path breaks off on the way to targets[{}]: {}"
-CRITERIA: dict[str, Callable[[Point, float], float]] = {
-    "nearest": lambda _, distance: distance,
-    "distance": lambda _, distance: distance,
-    "torsion": lambda point, _: float(np.abs(point.equilibrium.last_iterate.torsional).max()),
-    "stability": lambda point, _: -(point.equilibrium.stability or 0.0),
-}
-"""What is small of the answer that is chosen."""
 
 
 class InverseKinematicsProblem:
@@ -214,8 +208,8 @@ class InverseKinematicsProblem:
             found.append(search.reach(start))
             if self.criterion == "nearest" and search.reached(*found[-1]):
                 break
-        point, ending = self._best(search, found, reference)
-        return _result(search, point, ending, reference, len(found), begin)
+        point, ending = best(search, found, self.criterion, reference)
+        return answered(search, point, ending, reference, starts=len(found), solve_time=perf_counter() - begin)
 
     def _from_anywhere(self, searches: list[Search], longest: Array) -> InverseKinematicsPath:
         """A path that begins at its first target, with the answer from which it leads to the last, or furthest."""
@@ -231,19 +225,6 @@ class InverseKinematicsProblem:
             if path.converged:
                 break
         return furthest or Follower(longest).path(_BREAKS.format(0, "it is reached from no start"))
-
-    def _best(self, search: Search, found: list[tuple[Point, Ending]], reference: Array) -> tuple[Point, Ending]:
-        """Of the answers the best, or where there are none what is nearest to the target."""
-        stable = [(point, ending) for point, ending in found if search.stable(point)]
-        answers = [point for point, ending in stable if ending is Ending.REACHED]
-        if not stable:
-            raise SolveError(f"none of {len(found)} starts has a stable equilibrium under these loads")
-        if not answers:
-            return min(stable, key=lambda each: each[0].cost)
-        if self.criterion in ("nearest", "distance"):
-            answers = [search.settle(point, reference) for point in answers]
-        measure = CRITERIA[self.criterion]
-        return min(answers, key=lambda point: measure(point, search.distance(point, reference))), Ending.REACHED
 
     def _home_of(self, given: Actuation | None) -> Actuation:
         tubes = len(self.robot.tubes)
@@ -303,31 +284,3 @@ def _weights(given: Any, tubes: int) -> Array:
         k = int(weights.argmin())
         raise DefinitionError(f"weights[{k}] = {weights[k]:g} must be above 0")
     return weights
-
-
-def _result(
-    search: Search, point: Point, ending: Ending, reference: Array, starts: int, begin: float
-) -> InverseKinematicsResult:
-    position, angle = search.target.errors(point.equilibrium)
-    reached, limits = ending is Ending.REACHED, search.allowed.active(point.joints)
-    return InverseKinematicsResult(
-        actuation=point.equilibrium.actuation,
-        equilibrium=point.equilibrium,
-        position_error=position,
-        angle_error=angle,
-        status=InverseKinematicsStatus.CONVERGED if reached else InverseKinematicsStatus.UNREACHABLE,
-        message="" if reached else _why(search, ending, (position, angle), starts, limits),
-        limits=limits,
-        distance=search.distance(point, reference),
-        starts=starts,
-        solve_time=perf_counter() - begin,
-    )
-
-
-def _why(search: Search, ending: Ending, errors: tuple[float, float], starts: int, limits: tuple[str, ...]) -> str:
-    turned = f" and {np.rad2deg(errors[1]):.3g} deg" if search.target.turns else ""
-    met = f"; at its limits: {', '.join(limits)}" if limits else ""
-    return (
-        f"the nearest stable shape found from {starts} start{'s' if starts > 1 else ''} leaves the tip "
-        f"{1e3 * errors[0]:.3g} mm{turned} from the target: {ending.value}{met}"
-    )
