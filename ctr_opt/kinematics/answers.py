@@ -27,7 +27,7 @@ def best(
     stable = [(point, ending) for point, ending in found if search.stable(point)]
     answers = [point for point, ending in stable if ending is Ending.REACHED]
     if not stable:
-        raise SolveError(f"none of {len(found)} starts has a stable equilibrium under these loads")
+        raise SolveError("no stable equilibrium was found under these loads, neither at home nor at any other start")
     if not answers:
         return min(stable, key=lambda each: each[0].cost)
     if criterion in ("nearest", "distance"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from itertools import islice
 from time import perf_counter
 from typing import Any
 
@@ -204,7 +203,7 @@ class InverseKinematicsProblem:
         reference = joints_of(self.home if initial is None else initial.actuation)
         search = self.search(target, loads)
         found: list[tuple[Point, Ending]] = []
-        for start in islice(self._starts.points(search, initial, reference), self.starts):
+        for start in self._starts.points(search, initial, reference, self.starts):
             found.append(search.reach(start))
             if self.criterion == "nearest" and search.reached(*found[-1]):
                 break
@@ -214,7 +213,7 @@ class InverseKinematicsProblem:
     def _from_anywhere(self, searches: list[Search], longest: Array) -> InverseKinematicsPath:
         """A path that begins at its first target, with the answer from which it leads to the last, or furthest."""
         first, home, furthest = searches[0], joints_of(self.home), None
-        for start in islice(self._starts.points(first, None, home), self.starts):
+        for start in self._starts.points(first, None, home, self.starts):
             point, ending = first.reach(start)
             if not first.reached(point, ending):
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -39,15 +40,15 @@ class Starts:
         poses = np.array([shapes[k].tip_pose for k in stable]).reshape(-1, 4, 4)
         return joints[stable], np.linalg.inv(self._forward.robot.base_pose) @ poses
 
-    def points(self, search: Search, initial: Equilibrium | None, reference: Array) -> Iterator[Point]:
-        """Shapes under the loads of a search: the initial one or home, then others, the nearest to the target first."""
+    def points(self, search: Search, initial: Equilibrium | None, reference: Array, most: int) -> Iterator[Point]:
+        """At most so many shapes under the loads of a search: the initial one or home, then those near the target."""
         if initial is None:
             first = self._at(search, search.allowed.nearest(self._home, search.weights))
         else:
             first = loaded(search, initial)
         if first is not None:
             yield Point(first, search.target)
-        for joints in self._near(search, reference):
+        for joints in islice(self._near(search, reference), most - 1):
             shape = self._at(search, joints)
             if shape is not None:
                 yield Point(shape, search.target)
