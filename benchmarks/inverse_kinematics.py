@@ -25,7 +25,7 @@ FORCE = np.array([0.6, -0.8, 0.5])  # over EI / length^2 of the innermost tube, 
 LARGEST_STEP = 1e-3  # m: of the tip, in tracking
 TRACKING = 0.05  # rad, and of 20 mm: how far the joints move before the tip's step is measured
 TIGHT = 1e-10  # tolerance of the forward solves that errors are computed anew with
-BASELINE = 50  # targets that SciPy is given
+BASELINE = 200  # targets that SciPy is given
 PERCENTILES = (50, 90, 99, 99.9)
 
 
