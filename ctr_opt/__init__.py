@@ -41,6 +41,11 @@ from .inverse.parameters import Parameter as Parameter
 from .inverse.unknown_loads import PointForce as PointForce
 from .inverse.unknown_loads import TipForce as TipForce
 from .inverse.unknown_loads import TipWrench as TipWrench
+from .kinematics.limits import JointLimits as JointLimits
+from .kinematics.problem import InverseKinematicsProblem as InverseKinematicsProblem
+from .kinematics.result import InverseKinematicsPath as InverseKinematicsPath
+from .kinematics.result import InverseKinematicsResult as InverseKinematicsResult
+from .kinematics.result import InverseKinematicsStatus as InverseKinematicsStatus
 from .plans import Plan as Plan
 from .plans import load_plan as load_plan
 from .robot.actuation import Actuation as Actuation

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import threading
 from functools import cached_property
+from math import cos, sin
 from time import perf_counter
 from typing import Any
 
@@ -66,6 +67,10 @@ class CompiledProblem:
                 return None
             self._size = 2 * int(numbers[Native.NEEDED])
 
+    def knows(self, loads: tuple[Load, ...]) -> bool:
+        """Whether there is compiled code for all of the loads."""
+        return self._rows(loads) is not None
+
     def left(self, found: CompiledEquilibrium) -> bool:
         """Whether an answer is not good enough for a cold start: it is unstable, and there are other ways to go."""
         return bool(found.cold and self._automatic and found.unstable_directions)
@@ -123,17 +128,24 @@ class CompiledProblem:
         return None if negative < 0 else SecondVariation(negative, margin.value > 0.0, abs(margin.value))
 
     def _inputs(self, actuation: Actuation, loads: tuple[Load, ...]) -> tuple[LoadRows | None, int]:
-        """Loads as rows, made anew when they are others than last time, and the address of the actuation."""
+        """Loads as rows and the address of the actuation."""
         mine = self._mine.__dict__
-        if mine.get("loads") != loads:
-            mine["rows"], mine["loads"] = LoadRows.of(self.robot, loads), loads
+        rows = self._rows(loads)
         if "actuation" not in mine:
             mine["actuation"] = np.empty(2 * self._tubes)
             mine["address"] = mine["actuation"].ctypes.data
         inputs = mine["actuation"]
         inputs[: self._tubes] = actuation.rotations
         inputs[self._tubes :] = actuation.translations
-        return mine["rows"], mine["address"]
+        return rows, mine["address"]
+
+    def _rows(self, loads: tuple[Load, ...]) -> LoadRows | None:
+        """Loads as rows, made anew when they are others than last time."""
+        mine = self._mine.__dict__
+        if mine.get("loads") != loads:
+            mine["rows"], mine["loads"] = LoadRows.of(self.robot, loads), loads
+        rows: LoadRows | None = mine["rows"]
+        return rows
 
 
 class CompiledBatch:
@@ -297,12 +309,13 @@ class CompiledEquilibrium(Equilibrium):
 
     def jacobian(self, s: float | None = None, side: int = 1) -> Array:
         """Derivative of the pose by actuation: see :meth:`Differentiable.jacobian`."""
-        tip = self.length if s is None and side in (1, -1) else np.inf
-        innermost = [
-            i for i, tube in enumerate(self.robot.tubes) if tube.length + self.actuation.translations[i] >= tip
-        ]
-        found = self._tip_rates(innermost[0]) if innermost else None
+        found = self._tip_rates(self._innermost_at_tip) if s is None and side in (1, -1) else None
         return super().jacobian(s, side) if found is None else found[0]
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether derivatives have sides: see :attr:`Equilibrium.one_sided`."""
+        return self._problem is not None and self._tip_rates(self._innermost_at_tip) is None
 
     def compliance(self, s: float | None = None, load_at: float | None = None, tube: int = 0) -> Array:
         """Derivative of the pose by a wrench: see :meth:`Differentiable.compliance`."""
@@ -323,9 +336,46 @@ class CompiledEquilibrium(Equilibrium):
         return found or self._solved_shape.second_variation
 
     @cached_property
-    def tip_position(self) -> Array:
-        """Position at ``s = length``, m, world frame."""
+    def _tip_state(self) -> Array:
+        """The state before any load at the tip, positions over the length."""
         header, start, _, states = self.sizes
         steps = int(self._numbers[Native.STEPS])
         first = header + start + 2 * steps + states * steps
-        return self._numbers[first : first + 3] * self.length
+        return self._numbers[first : first + states]
+
+    @cached_property
+    def tip_position(self) -> Array:
+        """Position at ``s = length``, m, world frame."""
+        return self._tip_state[:3] * self.length
+
+    @cached_property
+    def tip_pose(self) -> Array:
+        """``pose(length)``: the tip's frame in the world, 4 x 4."""
+        orientation, angles = 3, 7
+        state = self._tip_state[: angles + len(self.robot.tubes)].tolist()
+        pose = np.eye(4)
+        pose[:3, :3] = _turned(state[orientation:angles], state[angles + self._innermost_at_tip])
+        pose[:3, 3] = self.tip_position
+        return pose
+
+    @property
+    def _innermost_at_tip(self) -> int:
+        """The innermost tube that ends at ``length``."""
+        tubes, shifts = self.robot.tubes, self.actuation.translations.tolist()
+        ends = [tube.length + shift for tube, shift in zip(tubes, shifts, strict=True)]
+        return ends.index(max(ends))
+
+
+def _turned(quaternion: list[float], angle: float) -> Array:
+    """``R(q) Rz(angle)`` of a quaternion of any length."""
+    w, x, y, z = quaternion
+    c, s = cos(0.5 * angle), sin(0.5 * angle)
+    w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+    k = 2.0 / (w * w + x * x + y * y + z * z)
+    return np.array(
+        [
+            [1.0 - k * (y * y + z * z), k * (x * y - w * z), k * (x * z + w * y)],
+            [k * (x * y + w * z), 1.0 - k * (x * x + z * z), k * (y * z - w * x)],
+            [k * (x * z - w * y), k * (y * z + w * x), 1.0 - k * (x * x + y * y)],
+        ]
+    )

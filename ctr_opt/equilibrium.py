@@ -222,6 +222,28 @@ class Equilibrium(Differentiable):
         return None if found is None else found.positive
 
     @property
+    def stability(self) -> float | None:
+        """How far the shape is from instability: the smallest eigenvalue of (second variation, elastic part).
+
+        What part of the tubes' stiffness might be lost before the shape gives way, other things held: from 1, where no
+        load or precurvature pushes it over, to 0 at a fold; to a thousandth. 0 where it is not stable, None where that
+        is not defined.
+
+        Examples
+        --------
+        A column under a fifth of Euler's load:
+
+        >>> import numpy as np, ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 2e-3, 0.0, ctr.Straight(0.1), bending_stiffness=0.02, torsional_stiffness=0.015)
+        >>> push = [ctr.PointWrench(force=[0.0, 0.0, -0.2 * np.pi**2 / 4 * 0.02 / 0.1**2])]
+        >>> shape = ctr.ForwardProblem(ctr.Robot([tube])).solve(ctr.Actuation([0.0], [0.0]), push)
+        >>> round(shape.stability, 2)
+        0.8
+        """
+        stable = self.is_stable
+        return self.shape.smallest_eigenvalue if stable else None if stable is None else 0.0
+
+    @property
     def _second_variation(self) -> SecondVariation | None:
         return None if self._solved_shape is None else self._solved_shape.second_variation
 
@@ -287,6 +309,11 @@ class Equilibrium(Differentiable):
         grid = np.concatenate((*parts, [self.length]))
         grid.setflags(write=False)
         return grid
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether it is known that break points coincide, where :meth:`jacobian` has sides and takes long."""
+        return False
 
     @property
     def tip_position(self) -> Array:

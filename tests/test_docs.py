@@ -117,3 +117,12 @@ def test_modules_named_in_the_docs_exist(path):
         assert module.exists(), file
         for part in name.split("."):
             assert part in module.read_text("utf-8"), (file, name)
+
+
+def test_the_code_of_the_inverse_kinematics_runs(capsys):
+    (code,) = blocks("docs/inverse_kinematics.md", "python")
+    scope = {}
+    exec(code, scope)
+    assert "converged" in capsys.readouterr().out
+    assert scope["near"].converged
+    assert scope["path"].position_errors.max() < 1e-6

@@ -9,9 +9,12 @@ import pytest
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
-FIGURES = {"fig5": EXAMPLES / "precurvature_of_a_tube.py", "fig9": EXAMPLES / "loaded.py"} | {
-    path.stem: path for path in (EXAMPLES / "figures").glob("*.py")
-}
+FIGURES = {
+    "fig5": EXAMPLES / "precurvature_of_a_tube.py",
+    "fig9": EXAMPLES / "loaded.py",
+    "inverse_kinematics": EXAMPLES / "inverse_kinematics.py",
+    "load_appears": EXAMPLES / "load_appears.py",
+} | {path.stem: path for path in (EXAMPLES / "figures").glob("*.py")}
 DOCS = EXAMPLES.parent / "docs" / "figures"
 
 
@@ -35,7 +38,7 @@ def test_example_runs(script, tmp_path):
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_example_is_short_and_asserts_something(script):
     text = script.read_text("utf-8")
-    assert len(text.splitlines()) < 60
+    assert len(text.splitlines()) < 80
     assert "assert" in text
 
 

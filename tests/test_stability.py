@@ -246,3 +246,16 @@ def test_an_unreachable_tolerance_is_reported():
     result = ctr.ForwardProblem(made, tolerance=1e-11, integrator="RK4").solve(actuation, throw=False)
     assert result.status is ctr.SolveStatus.INACCURATE
     assert "tolerance" in result.message
+
+
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
+def test_stability_of_a_column_is_what_is_left_of_its_critical_load(part):
+    """The load lowers the second variation in proportion: the smallest eigenvalue falls from 1 to 0 along a line."""
+    column = ctr.ForwardProblem(rod(L, EI, GJ)).solve(held(), [ctr.PointWrench([0.0, 0.0, -part * CRITICAL])])
+    assert column.stability == pytest.approx(1.0 - part, abs=2e-3)  # found to 1e-3; the rest is that of the steps
+
+
+def test_stability_is_zero_where_it_is_lost_and_none_where_it_is_not_defined():
+    problem, load = ctr.ForwardProblem(rod(L, EI, GJ)), [ctr.PointWrench([0.0, 0.0, -1.5 * CRITICAL])]
+    assert problem.solve(held(), load, initial=problem.guess(held(), load)).stability == 0.0
+    assert problem.solve(held(), [ctr.PointWrench(moment=[0.0, 0.01, 0.0])]).stability is None

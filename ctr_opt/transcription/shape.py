@@ -16,7 +16,7 @@ from ..mechanics.state import State, state_scales
 from ..robot.checks import Array
 from .columns import StepColumns
 from .shooting import Nodes, ShootingFunctions, shooting_functions
-from .stability import SecondVariation, second_variation
+from .stability import SecondVariation, second_variation, smallest_eigenvalue
 
 _QUADRATURE = 6  # Gauss points a step for energies: exact to the accuracy of the steps themselves
 
@@ -101,6 +101,11 @@ class Shape:
         if self.configuration.without_potential:
             return None
         return second_variation(self.configuration, self.mesh, self.nodes.right, self.integrator)
+
+    @cached_property
+    def smallest_eigenvalue(self) -> float:
+        """Of the second variation against its elastic part, where it is positive."""
+        return smallest_eigenvalue(self.configuration, self.mesh, self.nodes.right, self.integrator)
 
     @cached_property
     def _integrals(self) -> tuple[float, float]:

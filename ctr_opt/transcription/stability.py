@@ -16,6 +16,7 @@ MARGIN = 1e-7
 """The least margin; coarse steps need a wider one: what their linear maps lack to be symplectic is an error."""
 
 _CUTS = 12  # times a step is cut in two before nothing is said ...
+_PRECISION = 1e-3  # of the smallest eigenvalue
 _MOST_STEPS = 3000  # ... or as soon as there are more
 
 
@@ -47,6 +48,25 @@ def second_variation(
             break
         shooting, states = _halved(shooting, states, doubtful)
     return None
+
+
+def smallest_eigenvalue(configuration: Configuration, mesh: Array, states: Array, integrator: str) -> float:
+    """Of (second variation, elastic part), from 0 to 1, at states where the second variation is positive.
+
+    By bisection of the margin at which it still is, to ``_PRECISION``; steps are cut in four, as what is taken off
+    their elastic parts is put between them.
+    """
+    shooting = Shooting(configuration, mesh, integrator)
+    for _ in range(2):
+        shooting, states = _halved(shooting, states, np.ones(len(shooting.mesh), dtype=bool))
+    low, high = 0.0, 1.0
+    while high - low > _PRECISION:
+        middle = 0.5 * (low + high)  # the elastic part divided by 1 + s lacks s / (1 + s) of it
+        if count(shooting, states, middle / (1.0 - middle))[0].positive:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
 
 
 def count(shooting: Shooting, states: Array, least: float = MARGIN) -> tuple[SecondVariation, NDArray[np.bool_]]:

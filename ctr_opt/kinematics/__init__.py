@@ -1,0 +1,1 @@
+"""Inverse kinematics: from tip positions and poses to actuations, under known loads."""

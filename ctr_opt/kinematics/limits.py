@@ -1,0 +1,205 @@
+"""Limits of the joints: how far bases turn and move, and in which order they and the tips stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError
+from ..robot.actuation import Actuation
+from ..robot.checks import ARRAY_EQ, Array, array, number
+from ..robot.loads import Load
+from ..robot.robot import Robot
+from .least_distance import least_distance
+
+_REACH = 1e-4  # m: what of a tube stands out of the entry, and ends beyond a load on it
+_ROUNDING = 1e-9  # rad, m: what is nearer is at the limit
+_MIXING = 5  # places on random lines from one draw of translations to the next
+
+
+def _ranges(value: Any, field: str, unit: str) -> Array | None:
+    if value is None:
+        return None
+    ranges = array(value, field, (None, 2), unit=unit)
+    for i, (low, high) in enumerate(ranges):
+        if low > high:
+            raise DefinitionError(f"{field}[{i}] = [{low:g}, {high:g}] {unit} must be [least, most]")
+    return ranges
+
+
+def _rotations(value: Any) -> Array | None:
+    return _ranges(value, "rotations", "rad")
+
+
+def _translations(value: Any) -> Array | None:
+    return _ranges(value, "translations", "m")
+
+
+def _base_gap(value: Any) -> float | None:
+    return None if value is None else number(value, "base_gap", least=0.0, unit="m")
+
+
+def _tip_gap(value: Any) -> float | None:
+    return None if value is None else number(value, "tip_gap", least=0.0, unit="m")
+
+
+@attrs.frozen
+class JointLimits:
+    """What the joints may do.
+
+    Parameters
+    ----------
+    rotations
+        Least and most ``alpha_i``, ``(tubes, 2)``, rad; default: free.
+    translations
+        Least and most ``beta_i``, ``(tubes, 2)``, m; default: from where 0.1 mm of the tube stand out, to 0.
+    base_gap
+        An inner tube's base is behind that of the next tube by at least so much, m, ``beta_i + gap <= beta_i+1``;
+        ``None``: in any order.
+    tip_gap
+        An inner tube reaches further than the next one by at least so much, m, ``beta_i + L_i >= beta_i+1 + L_i+1 +
+        gap``; ``None``: in any order. Not zero by default, as derivatives are one-sided where tips coincide.
+
+    Examples
+    --------
+    >>> JointLimits(rotations=[[-3.0, 3.0]]).base_gap
+    0.0
+    """
+
+    rotations: Array | None = attrs.field(default=None, converter=_rotations, eq=ARRAY_EQ, hash=False)
+    translations: Array | None = attrs.field(default=None, converter=_translations, eq=ARRAY_EQ, hash=False)
+    base_gap: float | None = attrs.field(default=0.0, converter=_base_gap)
+    tip_gap: float | None = attrs.field(default=1e-4, converter=_tip_gap)
+
+
+@attrs.frozen(eq=False)
+class Allowed:
+    """The joints ``q``, rotations before translations, with ``rows q <= most``; each row has a name."""
+
+    rows: Array
+    most: Array
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of(cls, robot: Robot, limits: JointLimits, loads: Sequence[Load] = ()) -> Allowed:
+        """Those of a robot, on whose tubes the loads must find their places."""
+        lower, upper = _bounds(robot, limits, loads)
+        every = [*_of_bounds(lower, upper), *_of_gaps(robot, limits)]
+        rows, most, names = zip(*every, strict=True)
+        return cls(np.array(rows), np.array(most), names, lower, upper)
+
+    def room(self, joints: Array) -> Array:
+        """How much is left to every limit."""
+        return self.most - self.rows @ joints
+
+    def active(self, joints: Array) -> tuple[str, ...]:
+        """The names of the limits that are met."""
+        return tuple(name for name, left in zip(self.names, self.room(joints), strict=True) if left <= _ROUNDING)
+
+    def exceeded(self, joints: Array) -> tuple[str, ...]:
+        """The names of the limits that are not kept, by more than rounding."""
+        return tuple(name for name, left in zip(self.names, self.room(joints), strict=True) if left < -_ROUNDING)
+
+    def nearest(self, joints: Array, weights: Array) -> Array:
+        """The allowed joints nearest to given ones, distances weighted; an error where nothing is allowed."""
+        step = least_distance(self.rows / weights, self.room(joints))
+        if step is None:
+            raise DefinitionError(f"limits contradict each other: {'; '.join(self.names)}")
+        return self.kept(joints + step / weights)
+
+    def kept(self, joints: Array) -> Array:
+        """Joints that exceed their bounds by rounding, at their bounds."""
+        return np.clip(joints, self.lower, self.upper)
+
+    def drawn(self, start: Array, count: int, rng: np.random.Generator) -> Array:
+        """Random joints ``(count, 2 tubes)`` from allowed ones on: angles, free ones within a turn, and translations.
+
+        Translations by hit-and-run: to a random place on the line in a random direction, and so on.
+        """
+        tubes = len(start) // 2
+        free = np.isinf(self.lower[:tubes]) | np.isinf(self.upper[:tubes])
+        least, most = np.where(free, -np.pi, self.lower[:tubes]), np.where(free, np.pi, self.upper[:tubes])
+        here, moves = start.copy(), np.arange(2 * tubes) >= tubes
+        moves &= self.lower < self.upper
+        found = np.empty((count, 2 * tubes))
+        for k in range(_MIXING * count):
+            along = moves * rng.normal(size=2 * tubes)
+            room, rate = self.room(here), self.rows @ along
+            up, down = rate > 0.0, rate < 0.0
+            if up.any():
+                low, high = (room[down] / rate[down]).max(initial=-np.inf), (room[up] / rate[up]).min()
+                here = self.kept(here + rng.uniform(min(low, 0.0), max(high, 0.0)) * along)
+            found[k // _MIXING] = here
+        found[:, :tubes] = least + (most - least) * rng.random((count, tubes))
+        return found
+
+
+def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[Array, Array]:
+    """Least and most of every joint; the tubes reach beyond the loads on them."""
+    tubes = len(robot.tubes)
+    lengths = np.array([tube.length for tube in robot.tubes])
+    lower, upper = np.full(2 * tubes, -np.inf), np.full(2 * tubes, np.inf)
+    lower[tubes:], upper[tubes:] = _REACH - lengths, 0.0
+    if limits.rotations is not None:
+        _check_count(limits.rotations, "rotations", tubes)
+        lower[:tubes], upper[:tubes] = limits.rotations.T
+    if limits.translations is not None:
+        _check_translations(robot, limits.translations)
+        lower[tubes:], upper[tubes:] = limits.translations.T
+    for load in loads:
+        places = [getattr(load, field, None) for field in ("arc_length", "start", "end")]
+        for place in places:
+            tube = getattr(load, "tube", tubes)
+            if place is not None and tube < tubes:
+                lower[tubes + tube] = max(lower[tubes + tube], place - lengths[tube] + _REACH)
+    return lower, upper
+
+
+def _check_translations(robot: Robot, ranges: Array) -> None:
+    _check_count(ranges, "translations", len(robot.tubes))
+    for i, (tube, (low, high)) in enumerate(zip(robot.tubes, ranges, strict=True)):
+        if low <= -tube.length or high > 0.0:
+            raise DefinitionError(
+                f"limits: translations[{i}] = [{low:g}, {high:g}] m must be above -{tube.length:g} m, the length of "
+                f"tube {i} ({tube.name!r}), and at most 0"
+            )
+
+
+def _check_count(ranges: Array, field: str, tubes: int) -> None:
+    if len(ranges) != tubes:
+        raise DefinitionError(f"limits: {field} has {len(ranges)} rows, but the robot has {tubes} tubes")
+
+
+def _of_bounds(lower: Array, upper: Array) -> Iterator[tuple[Array, float, str]]:
+    tubes = len(lower) // 2
+    for k, (least, most) in enumerate(zip(lower, upper, strict=True)):
+        name, unit = (f"rotations[{k}]", "rad") if k < tubes else (f"translations[{k - tubes}]", "m")
+        row = np.zeros(2 * tubes)
+        row[k] = 1.0
+        if np.isfinite(most):
+            yield row, most, f"{name} at most {most:g} {unit}"
+        if np.isfinite(least):
+            yield -row, -least, f"{name} at least {least:g} {unit}"
+
+
+def _of_gaps(robot: Robot, limits: JointLimits) -> Iterator[tuple[Array, float, str]]:
+    tubes = len(robot.tubes)
+    for i, (inner, outer) in enumerate(pairwise(robot.tubes)):
+        row = np.zeros(2 * tubes)
+        row[tubes + i], row[tubes + i + 1] = 1.0, -1.0
+        if limits.base_gap is not None:
+            yield row, -limits.base_gap, f"base of tube {i} at least {limits.base_gap:g} m behind that of tube {i + 1}"
+        if limits.tip_gap is not None:
+            most = inner.length - outer.length - limits.tip_gap
+            yield -row, most, f"tip of tube {i} at least {limits.tip_gap:g} m in front of that of tube {i + 1}"
+
+
+def joints_of(actuation: Actuation) -> Array:
+    """Rotations (rad), then translations (m), in one vector."""
+    return np.concatenate((actuation.rotations, actuation.translations))

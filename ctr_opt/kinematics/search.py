@@ -1,0 +1,194 @@
+"""From a shape to one whose tip is at a target: damped Gauss-Newton steps within the limits, along one branch.
+
+Every step is solved as a neighbour of the shape before; where the branch is in doubt the step is cut. Between steps
+break points are sorted anew, as in any solve. Joints are counted in weights: lengths of steps and distances are those
+of ``weights * joints``.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from functools import cached_property
+
+import attrs
+import numpy as np
+
+from ..equilibrium import Equilibrium
+from ..forward import ForwardProblem
+from ..robot.actuation import Actuation
+from ..robot.checks import Array
+from ..robot.loads import Load
+from .least_distance import bounded_step, least_distance
+from .limits import Allowed, joints_of
+from .targets import Target
+
+_MOST_STEPS = 60
+_LONGEST, _SHORTEST = 0.5, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
+_DAMPING, _LEAST_DAMPING = 1e-2, 1e-8  # over the squared misfit, up to one; of all
+_GOOD, _POOR, _USELESS = 0.75, 0.25, 1e-3  # gained of what a step promised
+_AIM, _ENOUGH = 0.5, 0.9  # of the tolerances: sought, and accepted; a tenth is left to the errors of the solves
+_NOTHING = 1e-6  # of the squared misfit: steps that promise less lead nowhere
+_SETTLED = 1e-2  # of the distance: nearer is not worth a step
+_SETTLING = 8  # such steps at most
+_SINGULAR = 1e-6  # of the largest singular value
+_BESIDE = 1e-7  # m: by so much tubes are drawn back, each outer one more, to part break points that coincide
+
+
+class Ending(Enum):
+    """Why a search ended."""
+
+    REACHED = "the target is reached"
+    STUCK = "no motion that the limits allow goes nearer"
+    SNAPS = "the robot would snap, or its branch be in doubt, on the way nearer"
+    SLOW = f"it crept nearer still after {_MOST_STEPS} steps"
+
+
+@attrs.frozen(eq=False, slots=False)
+class Point:
+    """A shape on the way to a target."""
+
+    equilibrium: Equilibrium
+    target: Target
+
+    @cached_property
+    def joints(self) -> Array:
+        """Rotations and translations."""
+        return joints_of(self.equilibrium.actuation)
+
+    @cached_property
+    def misfit(self) -> Array:
+        """How the tip must move."""
+        return self.target.misfit(self.equilibrium)
+
+    @cached_property
+    def cost(self) -> float:
+        """Squared misfit."""
+        return float(self.misfit @ self.misfit)
+
+
+@attrs.define
+class _Trust:
+    """How far the linear model of the misfit is believed: damping of steps, and the longest of them, by each joint."""
+
+    damping: float = _DAMPING
+    longest: float = _LONGEST
+
+    def learn(self, gained: float, size: float) -> None:
+        """From what part of its promise a step of some size has kept."""
+        if gained > _GOOD:
+            self.damping, self.longest = 0.3 * self.damping, min(2.0 * self.longest, _LONGEST)
+        elif gained < _POOR:
+            self.damping, self.longest = 4.0 * self.damping, 0.25 * size
+
+
+@attrs.frozen(eq=False)
+class Search:
+    """The way to one target: the problem, its loads, what is allowed, weights, and the errors of position and angle."""
+
+    forward: ForwardProblem
+    loads: tuple[Load, ...]
+    allowed: Allowed
+    weights: Array
+    target: Target
+    tolerances: tuple[float, float]
+
+    def met(self, point: Point, part: float) -> bool:
+        """Whether the errors are within a part of the tolerances."""
+        position, angle = self.target.errors(point.equilibrium)
+        return position <= part * self.tolerances[0] and angle <= part * self.tolerances[1]
+
+    def moved(self, point: Point, step: Array) -> Point | None:
+        """The point a weighted step away, if it is on the same branch."""
+        joints = self.allowed.kept(point.joints + step / self.weights)
+        found = self._solved(joints, point.equilibrium)
+        return None if found is None else Point(found, self.target)
+
+    def reach(self, point: Point) -> tuple[Point, Ending]:
+        """To the target, or as near as it goes from here."""
+        trust, ending = _Trust(), Ending.SLOW
+        for _ in range(_MOST_STEPS):
+            if self.met(point, _AIM):
+                break
+            step, promised = self._toward(point, trust)
+            if promised <= _NOTHING * point.cost:
+                ending = Ending.STUCK
+                break
+            trial = self.moved(point, step)
+            gained = -np.inf if trial is None else (point.cost - trial.cost) / promised
+            trust.learn(gained, float(np.abs(step).max()))
+            if trial is not None and gained > _USELESS:
+                point = trial
+            elif trust.longest < _SHORTEST:
+                ending = Ending.SNAPS if trial is None else Ending.STUCK
+                break
+        return point, Ending.REACHED if self.met(point, _ENOUGH) else ending
+
+    def _toward(self, point: Point, trust: _Trust) -> tuple[Array, float]:
+        """A step toward the target within limits and trust, and by how much it promises to lower the cost."""
+        rates, misfit = self._rates(point), point.misfit
+        damping = max(trust.damping * min(point.cost, 1.0), _LEAST_DAMPING)
+        hessian = rates.T @ rates + damping * np.eye(len(self.weights))
+        step = bounded_step(hessian, -rates.T @ misfit, *self._room(point))
+        step *= trust.longest / max(float(np.abs(step).max()), trust.longest)
+        return step, point.cost - float(((misfit - rates @ step) ** 2).sum())
+
+    def reached(self, point: Point, ending: Ending) -> bool:
+        """Whether this is an answer."""
+        return ending is Ending.REACHED and self.stable(point)
+
+    def stable(self, point: Point) -> bool:
+        """Whether the shape is not known to be unstable."""
+        return point.equilibrium.is_stable is not False
+
+    def distance(self, point: Point, joints: Array) -> float:
+        """Of a point's joints from others."""
+        return float(np.linalg.norm(self.weights * (joints - point.joints)))
+
+    def settle(self, point: Point, joints: Array) -> Point:
+        """To the place with the same tip that is nearest to other joints, as far as steps lead there."""
+        longest = _LONGEST
+        for _ in range(_SETTLING):
+            wanted = self.weights * (joints - point.joints)
+            step = self._within(point, wanted)
+            before = float(np.linalg.norm(wanted))
+            if step is None or before - np.linalg.norm(wanted - step) <= _SETTLED * before:
+                break
+            size = float(np.abs(step).max())
+            trial = self.moved(point, step * min(1.0, longest / size))
+            if trial is not None:
+                trial, ending = self.reach(trial)
+                if self.reached(trial, ending) and self.distance(trial, joints) < before:
+                    point = trial
+                    continue
+            longest = 0.25 * min(size, longest)
+        return point
+
+    def _within(self, point: Point, wanted: Array) -> Array | None:
+        """The step nearest to a wanted one among those that keep the tip at the target and the limits."""
+        left, values, right = np.linalg.svd(self._rates(point))
+        rank = int((values > _SINGULAR * values[0]).sum())
+        if rank == len(wanted):
+            return None
+        to_target = right[:rank].T @ ((left[:, :rank].T @ point.misfit) / values[:rank])
+        free = right[rank:]
+        step = to_target + free.T @ (free @ wanted)
+        rows, room = self._room(point)
+        change = least_distance(rows @ free.T, room - rows @ step)
+        return None if change is None else step + free.T @ change
+
+    def _rates(self, point: Point) -> Array:
+        """How the tip moves with the weighted joints; where break points coincide, as it does right beside."""
+        shape = point.equilibrium
+        if shape.one_sided:
+            beside = point.joints.copy()
+            tubes = len(beside) // 2
+            beside[tubes:] -= _BESIDE * np.arange(1, tubes + 1)
+            shape = self._solved(beside, shape) or shape
+        return self.target.rates(shape) / self.weights
+
+    def _solved(self, joints: Array, initial: Equilibrium) -> Equilibrium | None:
+        tubes = len(joints) // 2
+        return self.forward.neighbour(Actuation(joints[:tubes], joints[tubes:]), self.loads, initial)
+
+    def _room(self, point: Point) -> tuple[Array, Array]:
+        return self.allowed.rows / self.weights, np.maximum(self.allowed.room(point.joints), 0.0)
