@@ -66,6 +66,13 @@ def test_the_code_of_force_estimation_runs(capsys):
     assert abs(apart).max() < 1e-7 * scope["pushed"].length
 
 
+def test_what_shape_tells_is_what_its_code_prints(capsys):
+    path = "docs/what_shape_tells.md"
+    (code,) = blocks(path, "python")
+    exec(code, {})
+    assert capsys.readouterr().out == "".join(blocks(path, "text"))
+
+
 def test_the_file_of_a_calibration_loads(tmp_path):
     (text,) = blocks("docs/calibration.md", "toml")
     (tmp_path / "my_robot.toml").write_text(text)

@@ -14,7 +14,7 @@ FIGURES = {
     "fig9": EXAMPLES / "loaded.py",
     "inverse_kinematics": EXAMPLES / "inverse_kinematics.py",
     "load_appears": EXAMPLES / "load_appears.py",
-} | {path.stem: path for path in (EXAMPLES / "figures").glob("fig*.py")}
+} | {path.stem: path for path in (EXAMPLES / "figures").glob("*.py")}
 DOCS = EXAMPLES.parent / "docs" / "figures"
 
 

@@ -67,11 +67,11 @@ class ForceEstimationProblem:
     >>> import ctr_opt as ctr
     >>> rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)])
     >>> held = ctr.Actuation([0.0], [0.0])
-    >>> pushed = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.2, 0.1, 0.0])])
+    >>> pushed = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.2, 0.1, 0.05])])
     >>> seen = ctr.PositionMeasurement([0.05, 0.1], pushed.position([0.05, 0.1]), sigma=1e-4)
     >>> estimate = ctr.ForceEstimationProblem(rod, [ctr.TipForce()]).solve(held, [seen])
     >>> estimate.force.round(4).tolist()
-    [0.2, 0.1, 0.0]
+    [0.2, 0.1, 0.05]
     """
 
     def __init__(

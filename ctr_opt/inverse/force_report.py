@@ -14,6 +14,7 @@ from .measurements import BackboneMeasurement, PositionMeasurement
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from .force_errors import Systematic
     from .force_estimate import ForceEstimate
 
 _MOST = 30.0  # characteristic sizes: a number with a larger standard deviation is not told
@@ -23,7 +24,7 @@ _AXES = "xyz"
 
 
 def force_report(estimate: ForceEstimate) -> str:
-    """Loads with their errors, what is not known, consistency, other solutions."""
+    """Loads with their errors, what is not known, consistency, other solutions, what would be mistaken for a force."""
     numbers = estimate.case.experiment.numbers
     lines = [f"Loads from {numbers} numbers measured", _row("residuals", _consistency(estimate))]
     stable = {True: "stable", False: "UNSTABLE: no robot stays so", None: "stability not defined under these loads"}
@@ -48,6 +49,8 @@ def force_report(estimate: ForceEstimate) -> str:
         for other in estimate.alternatives:
             values = ", ".join(f"{label} = {value:.4g}" for label, value in other.values.items())
             lines.append(f"    {values} (loss {other.state.cost - estimate.state.cost:+.2f})")
+    lines += ["", "  Errors of the model look like forces until they are noticed (with 95 %):"]
+    lines += [f"    {each}" for each in _mistaken(estimate)]
     return "\n".join(lines)
 
 
@@ -63,6 +66,15 @@ def _consistency(estimate: ForceEstimate) -> str:
         f"{verdict}: chi-square {estimate.chi_squared:.1f} at {estimate.degrees_of_freedom} degrees of freedom "
         f"(p = {estimate.p_value:.2g})"
     )
+
+
+def _mistaken(estimate: ForceEstimate) -> list[Systematic]:
+    """Of each kind of systematic error the one that adds most force before it is noticed."""
+    worst: dict[str, Systematic] = {}
+    for each in estimate.systematic:
+        if each.kind not in worst or each.mimicked > worst[each.kind].mimicked:
+            worst[each.kind] = each
+    return list(worst.values())
 
 
 def _magnitudes(estimate: ForceEstimate) -> list[str]:

@@ -23,7 +23,7 @@ _MOST_STEPS = 60
 _ARRIVED = 1e-5  # standard deviations of the loads: a step so short is the last
 _BALANCED = 1e-9  # of the moments' size: what the equilibrium may be off
 _NEAR = 0.3  # of the moments' size: farther off, the equilibrium is not told by its linearization
-_BLIND = 30.0  # scaled standard deviation from which a direction is not moved along: loads would go anywhere
+BLIND = 30.0  # scaled standard deviation from which a direction is not moved along: loads would go anywhere
 _CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where there is no way on
 
 
@@ -231,7 +231,7 @@ class Normal:
         scale = self.scale[those]
         matrix = self.matrix[np.ix_(those, those)] * np.outer(scale, scale)
         values, vectors = np.linalg.eigh(matrix + damping * np.diag(np.diag(matrix) + _CALM))
-        known = values > _BLIND**-2
+        known = values > BLIND**-2
         along = vectors[:, known]
         return np.asarray(-scale * (along @ ((along.T @ (scale * gradient[those])) / values[known])))
 
