@@ -162,10 +162,10 @@ class Case:
         compiled: bool | None,
         before: Case | None,
     ) -> Case:
-        """A case; the model of the one ``before`` is used again where it serves."""
+        """A case; one ``before`` that serves lends its model."""
         ends = np.array([tube.length for tube in robot.tubes]) + experiment.actuation.translations
         _check_places(experiment, ends)
-        if before is not None and before.serves(experiment, errors):
+        if before is not None:
             return before.again(experiment, ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
         every = (*experiment.loads, *numbered.templates)
@@ -206,7 +206,7 @@ class Case:
         search.model.actuated(experiment.actuation)
         sought = search.sought
         if not np.array_equal(ends, self.ends):
-            scale, lower, upper = _extent(self.robot, self.numbered, ends)
+            scale, lower, upper = extent(self.robot, self.numbered, ends)
             sought = attrs.evolve(sought, scale=scale, lower=lower, upper=upper)
         seen = attrs.evolve(search.seen, comparison=Comparison([experiment.measurements], _whitener(self.loss)))
         search = Search(search.model, search.unit, float(ends.max()), sought, seen)
@@ -246,7 +246,7 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
 
     size = len(numbered.labels)
     mean, forces = np.zeros(size), np.zeros(size)
-    scale, lower, upper = _extent(robot, numbered, ends)
+    scale, lower, upper = extent(robot, numbered, ends)
     information = []
     for part, each in zip(numbered.parts, numbered.unknown, strict=True):
         known = each.known_before
@@ -258,7 +258,7 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
     return found, forces
 
 
-def _extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array, Array]:
+def extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array, Array]:
     """What follows from the robot's length: scales and bounds of the numbers."""
     length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
     size = len(numbered.labels)

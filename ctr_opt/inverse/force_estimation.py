@@ -29,6 +29,7 @@ from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 UNKNOWN_LOADS = (TipForce, TipWrench, PointForce)
 _SAME = 1e-4  # of the loads' scales: solutions closer to each other are one
 _SEED = 0
+_MODELS = 8  # kept, of measurements at different places
 
 
 class ForceEstimationProblem:
@@ -100,7 +101,7 @@ class ForceEstimationProblem:
         }
         self._forward = ForwardProblem(robot, tolerance=self.tolerance, compiled=self._compiled)
         self.starts = index(starts - 1, "starts - 1") + 1
-        self._kept: Case | None = None
+        self._kept: list[Case] = []
 
     # -- solving ---------------------------------------------------------------------------------------------------
 
@@ -132,7 +133,7 @@ class ForceEstimationProblem:
         EstimationError
             No loads were found: what was tried, how far it got and what to do.
         """
-        experiment = _experiment(self.robot, actuation, measurements, loads)
+        experiment = experiment_of(self.robot, actuation, measurements, loads)
         case = self._case(experiment, fit)
         found = [] if initial is None else [case.search.solve(*self._near(case, initial))]
         states = [state for state in found if state is not None] or self._from_nothing(case)
@@ -146,8 +147,9 @@ class ForceEstimationProblem:
 
     def _case(self, experiment: Experiment, fit: Fit | None) -> Case:
         errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
-        case = Case.of(self.robot, experiment, self.unknown, errors, self.loss, self._compiled, self._kept)
-        self._kept = case
+        before = next((each for each in self._kept if each.serves(experiment, errors)), None)
+        case = Case.of(self.robot, experiment, self.unknown, errors, self.loss, self._compiled, before)
+        self._kept = [case, *(each for each in self._kept if each is not before)][:_MODELS]
         return case
 
     def _near(self, case: Case, initial: ForceEstimate) -> tuple[Array, Array, Array]:
@@ -204,7 +206,8 @@ def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
     return tuple(each if each.prior is not None else attrs.evolve(each, prior=prior) for each in every)
 
 
-def _experiment(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:
+def experiment_of(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:
+    """One from which loads can be estimated."""
     experiment = Experiment(actuation, loads, measurements)
     if len(actuation.rotations) != len(robot.tubes):
         raise DefinitionError(f"actuation is of {len(actuation.rotations)} tubes, but the robot has {len(robot.tubes)}")

@@ -129,6 +129,7 @@ class State:
             places=places,
             e=e,
             misfit=misfit + self.along @ (places - self.places),
+            follow=np.column_stack((np.zeros(len(self.z)), self.follow[:, 1:])),
             arrived=True,
         )
 
