@@ -257,17 +257,17 @@ class Normal:
         """Towards the least, within bounds; not along directions of which nothing is known."""
         at = np.concatenate((state.x, state.e))
         held = np.zeros(len(at), dtype=bool)
-        step = np.zeros(len(at))
-        for _ in range(len(at) + 1):
-            step[~held] = self._free_step(~held, self.gradient + self.matrix[:, held] @ step[held], damping)
+        step = self._free_step(slice(None), self.gradient, damping)
+        for _ in range(len(at)):
             beyond = ~held & ((at + step < self.lower) | (at + step > self.upper))
             if not beyond.any():
                 break
             step[beyond] = np.clip(at + step, self.lower, self.upper)[beyond] - at[beyond]
             held |= beyond
+            step[~held] = self._free_step(~held, self.gradient + self.matrix[:, held] @ step[held], damping)
         return step[: len(state.x)], step[len(state.x) :]
 
-    def _free_step(self, those: NDArray[np.bool_], gradient: Array, damping: float) -> Array:
+    def _free_step(self, those: NDArray[np.bool_] | slice, gradient: Array, damping: float) -> Array:
         scale = self.scale[those]
         matrix = self.matrix[those][:, those] * (scale[:, None] * scale)
         if damping:
