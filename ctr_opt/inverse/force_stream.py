@@ -22,6 +22,7 @@ from .measurements import Measurement
 from .streamed_force import StreamedForce
 from .unknown_loads import UnknownLoad
 
+_CLOSE = 0.05  # of the moments' size: how far off an equilibrium a search may begin and not be blamed for it
 _OPEN = 1e3  # characteristic sizes: standard deviation, to begin with, of numbers of which nothing is known
 
 
@@ -176,17 +177,16 @@ class ForceEstimator:
         predicted = self._window.predicted(time)
         information = np.linalg.inv(predicted.covariance) / np.outer(self._unit, self._unit)
         expected = _with_prior(case, predicted.mean * self._unit, information)
-        state = self._near(expected, time) or self._anew(expected)
+        before = self._window.nearest(time)
+        state = None
+        if before is not None and len(before.places) == case.search.seen.places:
+            state = expected.search.solve(before.z, expected.start, before.places)
+            if state is None and _well_begun(expected, before):
+                return None
+        state = state or self._anew(expected)
         if state is None or self._wild(case.search, state):
             return None
         return Sample.of(time, case.experiment.actuation, case.search, self._unit, state)
-
-    def _near(self, case: Case, time: float) -> State | None:
-        """From the sample before."""
-        before = self._window.nearest(time)
-        if before is None or len(before.places) != case.search.seen.places:
-            return None
-        return case.search.solve(before.z, case.start, before.places)
 
     def _anew(self, case: Case) -> State | None:
         """From the shape under the loads that were predicted or, failing that, as if it were the first sample."""
@@ -234,6 +234,12 @@ def _count(horizon: Any) -> int:
 def _with_prior(case: Case, mean: Array, information: Array) -> Case:
     sought = attrs.evolve(case.search.sought, prior_mean=mean, prior_information=information)
     return attrs.evolve(case, search=attrs.evolve(case.search, sought=sought))
+
+
+def _well_begun(case: Case, before: State) -> bool:
+    """Whether the sample before was so close to this equilibrium that no other start would lead further."""
+    at = None if case.contacts else case.search.at(before.z, case.start, before.places, before.e)
+    return at is not None and at.off < _CLOSE
 
 
 def _off(state: State) -> float:

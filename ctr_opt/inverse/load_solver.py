@@ -13,7 +13,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import EstimationError
+from ..errors import DefinitionError, EstimationError
 from ..robot.checks import Array
 from .comparison import Comparison
 from .loaded_model import LoadedModel
@@ -151,7 +151,7 @@ class Search:
         sought, n = self.sought, self.model.unknowns
         try:
             told = self.model.at(z, sought.mixing @ x, places * self.length)
-        except EstimationError:
+        except (EstimationError, DefinitionError):  # steps that cannot be laid out, or numbers without measure
             return None
         misfit, rates = (each[0] for each in self.seen.comparison.compare(told.predictions))
         pulls = np.empty((n, 1 + len(x) + len(e)))
