@@ -17,7 +17,7 @@ rng = np.random.default_rng(0)
 robot = ctr.load_robot(ROBOT)
 problem, shape = ctr.ForwardProblem(robot), None
 stream = ctr.ForceEstimator(robot, ctr.TipForce(), rate=RATE, drift=0.3)
-times, truths, estimates, deviations, points = np.arange(90) / RATE, [], [], [], []
+times, told = np.arange(90) / RATE, []
 for t in times:
     actuation = ctr.Actuation([0.5 * np.sin(t), 1.0, -1.0 + 0.3 * t], [-0.3, -0.2, -0.1])
     force = TOUCH * np.interp(t, [1.0, 1.2, 1.9, 2.1], [0.0, 1.0, 1.0, 0.0])
@@ -25,12 +25,9 @@ for t in times:
     places = np.linspace(0.15, 1.0, 20) * shape.length
     seen = ctr.PositionMeasurement(places, shape.position(places) + SIGMA * rng.normal(size=(20, 3)), SIGMA)
     found = stream.update(actuation, None if rng.random() < 0.1 else seen)
-    truths.append(force)
-    estimates.append(found.force)
-    deviations.append(found.deviations)
-    points.append(shape.position(np.linspace(0.0, shape.length, 60)))
+    told.append((force, found.force, found.deviations, shape.position(np.linspace(0.0, shape.length, 60))))
 
-truths, estimates, deviations = np.array(truths), np.array(estimates), np.array(deviations)
+truths, estimates, deviations, points = (np.array(column) for column in zip(*told, strict=True))
 error = np.sqrt((((estimates - truths) / deviations) ** 2).mean())
 print(f"{len(times)} samples, {stream.counts['dropped']} of them lost")
 print(f"standard deviations {', '.join(f'{x:.3f}' for x in deviations.mean(axis=0))} N, across and along the tip")
@@ -45,6 +42,7 @@ if len(sys.argv) > 1:
     figure, (side, plot) = plt.subplots(1, 2, figsize=(8.0, 3.2), layout="constrained")
 
     def draw(k):
+        """Shape and forces up to a sample."""
         side.clear()
         side.plot(1e3 * points[k][:, 0], 1e3 * points[k][:, 2], "k")
         side.set(xlim=(-60, 60), ylim=(0, 160), xlabel="x (mm)", ylabel="z (mm)", aspect="equal")

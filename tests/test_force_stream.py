@@ -90,7 +90,7 @@ def test_a_linear_stream_gives_what_the_kalman_filter_does(scene):
 
 
 def test_a_window_that_holds_everything_is_the_batch_solution(scene, stream):
-    """SciPy over forward solves, all forces together: to 0.02 standard deviations, as samples are linearized to 0.01."""
+    """SciPy over forward solves, all forces at once: to 0.02 standard deviations, as samples are linearized to 0.01."""
     stream, step = stream[:4], 2.0 * scene.size / np.sqrt(RATE)
     estimator = scene.estimator(prior=(0.0, scene.size), horizon=4)
     for actuation, seen in stream:
@@ -171,7 +171,7 @@ def test_a_step_of_the_force_is_found_again(scene):
 
 def test_a_jump_of_the_actuation_is_survived(scene):
     rng, estimator, force = np.random.default_rng(5), scene.estimator(), scene.size * np.array([0.5, -0.4, 0.2])
-    turned = ctr.Actuation(scene.actuation.rotations + [2.5, -1.5, 2.0], scene.actuation.translations)
+    turned = ctr.Actuation(scene.actuation.rotations + np.array([2.5, -1.5, 2.0]), scene.actuation.translations)
     for each in scene.stream([scene.actuation] * 3 + [turned] * 3, [force] * 6, rng):
         found = estimator.update(*each)
     assert np.abs((found.force - force) / found.deviations).max() < 4.0
