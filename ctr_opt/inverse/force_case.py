@@ -262,7 +262,7 @@ def extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array,
     """What follows from the robot's length: scales and bounds of the numbers."""
     length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
     size = len(numbered.labels)
-    scale, lower, upper = np.empty(size), np.full(size, -np.inf), np.full(size, np.inf)
+    scale, lower, upper = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
     scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
     for field, value in scales.items():
         for part in numbered.where(field):
