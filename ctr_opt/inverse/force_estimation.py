@@ -70,8 +70,8 @@ class ForceEstimationProblem:
     >>> pushed = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.2, 0.1, 0.0])])
     >>> seen = ctr.PositionMeasurement([0.05, 0.1], pushed.position([0.05, 0.1]), sigma=1e-4)
     >>> estimate = ctr.ForceEstimationProblem(rod, [ctr.TipForce()]).solve(held, [seen])
-    >>> estimate.force.round(4).tolist()
-    [0.2, 0.1, 0.0]
+    >>> bool(abs(estimate.force - [0.2, 0.1, 0.0]).max() < 1e-5)
+    True
     """
 
     def __init__(
