@@ -29,6 +29,7 @@ from .inverse.experiment import Experiment as Experiment
 from .inverse.fit import Fit as Fit
 from .inverse.force_estimate import ForceEstimate as ForceEstimate
 from .inverse.force_estimation import ForceEstimationProblem as ForceEstimationProblem
+from .inverse.force_stream import ForceEstimator as ForceEstimator
 from .inverse.measurements import BackboneMeasurement as BackboneMeasurement
 from .inverse.measurements import CurvatureMeasurement as CurvatureMeasurement
 from .inverse.measurements import Distal as Distal
@@ -38,6 +39,7 @@ from .inverse.measurements import PositionMeasurement as PositionMeasurement
 from .inverse.measurements import TangentMeasurement as TangentMeasurement
 from .inverse.measurements import TorqueMeasurement as TorqueMeasurement
 from .inverse.parameters import Parameter as Parameter
+from .inverse.streamed_force import StreamedForce as StreamedForce
 from .inverse.unknown_loads import PointForce as PointForce
 from .inverse.unknown_loads import TipForce as TipForce
 from .inverse.unknown_loads import TipWrench as TipWrench

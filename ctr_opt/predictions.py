@@ -132,6 +132,7 @@ class Predictions:
         """The questions of every experiment; its probes' rows are the first of its point loads."""
         self._combination = asked[0].combination
         self.parameters = self._combination.shape[1]
+        self._plain = np.array_equal(self._combination, np.eye(len(self._combination)))
         own = np.array([[(k, tube) for k, (_, tube) in enumerate(each)] for each in places], dtype=np.intc)
         directions = np.array([each.rows for each in asked], dtype=np.intc).reshape(len(asked), -1, 3)
         self._questions = Questions(directions, asked[0].tables, own.reshape(len(asked), -1, 2))
@@ -203,7 +204,7 @@ class Predictions:
 
     def _combined(self, rates: Array) -> Array:
         """From derivatives by directions to those by parameters."""
-        if np.array_equal(self._combination, np.eye(rates.shape[-1] - self.unknowns)):
+        if self._plain:
             return rates
         return np.concatenate((rates[..., : self.unknowns], rates[..., self.unknowns :] @ self._combination), axis=-1)
 

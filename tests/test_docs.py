@@ -73,6 +73,15 @@ def test_what_shape_tells_is_what_its_code_prints(capsys):
     assert capsys.readouterr().out == "".join(blocks(path, "text"))
 
 
+def test_the_code_of_the_force_stream_runs(capsys):
+    (code,) = blocks("docs/force_stream.md", "python")
+    scope = {}
+    exec(code, scope)
+    assert "used: force.x = " in capsys.readouterr().out
+    assert (scope["lost"].deviations > scope["found"].deviations).all()
+    assert abs(scope["found"].force - [0.05, 0.0, 0.0]).max() < 4.0 * scope["found"].deviations.max()
+
+
 def test_the_file_of_a_calibration_loads(tmp_path):
     (text,) = blocks("docs/calibration.md", "toml")
     (tmp_path / "my_robot.toml").write_text(text)

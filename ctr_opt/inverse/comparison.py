@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..robot.checks import Array
-from .measurements import BackboneMeasurement, Measurement, Predicted
+from .measurements import BackboneMeasurement, Found, Measurement, Stacked
 
 
 class Comparison:
@@ -19,8 +19,10 @@ class Comparison:
     def __init__(self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]) -> None:
         self._columns = [_Column(list(column), whitener) for column in zip(*measurements, strict=True)]
 
-    def compare(self, predictions: Sequence[Predicted]) -> tuple[Array, Array]:
+    def compare(self, predictions: Found) -> tuple[Array, Array]:
         """Whitened misfits ``(experiments, numbers)`` and their derivatives, from predictions of all experiments."""
+        if len(self._columns) == 1:
+            return self._columns[0].compare(predictions)
         misfits, rates, start = [], [], 0
         for column in self._columns:
             misfit, rate = column.compare(predictions[start : start + column.requests])
@@ -29,7 +31,7 @@ class Comparison:
             rates.append(rate)
         return np.concatenate(misfits, axis=1), np.concatenate(rates, axis=1)
 
-    def along(self, predictions: Sequence[Predicted]) -> Array:
+    def along(self, predictions: Found) -> Array:
         """Derivatives of the whitened misfits by the arc lengths that are estimated, ``(experiments, numbers, k)``.
 
         A point moves along the tangent of the backbone, by as much as its arc length, and nothing else moves.
@@ -58,13 +60,13 @@ class _Column:
         self.somewhere = isinstance(measurements[0], BackboneMeasurement)
         self._whitener = np.array([whitener(each) for each in measurements])
 
-    def compare(self, found: Sequence[Predicted]) -> tuple[Array, Array]:
+    def compare(self, found: Found) -> tuple[Array, Array]:
         values, rates = self.measurements[0].compare(self.measurements, found)
         count = len(values)
         misfit = np.matmul(self._whitener, values[..., None])[..., 0]
         return misfit.reshape(count, -1), np.matmul(self._whitener, rates).reshape(count, -1, rates.shape[-1])
 
-    def tangents(self, found: Sequence[Predicted]) -> Array:
+    def tangents(self, found: Found) -> Array:
         """Whitened tangents of the backbone ``(experiments, points, 3)``."""
-        tangents = np.stack([each.value[:, :3, 2] for each in found], axis=1)
+        tangents = Stacked.of(found).value[..., 2]
         return np.asarray(np.matmul(self._whitener, tangents[..., None])[..., 0])

@@ -163,10 +163,10 @@ class Case:
         steps: Callable[[], int],
         before: Case | None,
     ) -> Case:
-        """A case; the model of the one ``before`` is used again where it serves, ``steps`` as for ``loaded_model``."""
+        """A case; one ``before`` that serves lends its model, ``steps`` as for ``loaded_model``."""
         ends = tube_ends(robot, experiment.actuation)
         check_places(experiment, ends)
-        if before is not None and before.serves(experiment, errors):
+        if before is not None:
             return before.again(experiment, ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
         every = (*experiment.loads, *numbered.templates)
@@ -207,7 +207,8 @@ class Case:
         search.model.actuated(experiment.actuation)
         sought = search.sought
         if not np.array_equal(ends, self.ends):
-            sought = _sought(self.robot, self.numbered, ends, self.errors)[0]
+            scale, lower, upper = extent(self.robot, self.numbered, ends)
+            sought = attrs.evolve(sought, scale=scale, lower=lower, upper=upper)
         seen = attrs.evolve(search.seen, comparison=Comparison([experiment.measurements], _whitener(self.loss)))
         search = Search(search.model, search.unit, float(ends.max()), sought, seen)
         return attrs.evolve(self, experiment=experiment, ends=ends, search=search)
@@ -244,24 +245,33 @@ def _whitener(loss: str) -> Any:
 def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tuple[Sought, Array]:
     from scipy.linalg import block_diag
 
-    length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
-    scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
     size = len(numbered.labels)
-    mean, scale, forces = (np.zeros(size) for _ in range(3))
-    lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
+    mean, forces = np.zeros(size), np.zeros(size)
+    scale, lower, upper = extent(robot, numbered, ends)
     information = []
     for part, each in zip(numbered.parts, numbered.unknown, strict=True):
         known = each.known_before
         information.append(np.zeros((part.stop - part.start,) * 2) if known is None else known.information)
         mean[part] = 0.0 if known is None else known.mean
-        if isinstance(each, PointForce) and each.arc_length is None:
-            lower[part.stop - 1], upper[part.stop - 1] = _INSIDE * length, ends[each.tube] - _INSIDE * length
+    for part in numbered.where("force"):
+        forces[part] = scale[part]
+    found = Sought(np.eye(size), scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
+    return found, forces
+
+
+def extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array, Array]:
+    """What follows from the robot's length: scales and bounds of the numbers."""
+    length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
+    size = len(numbered.labels)
+    scale, lower, upper = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
+    scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
     for field, value in scales.items():
         for part in numbered.where(field):
             scale[part] = value
-            forces[part] = value if field == "force" else 0.0
-    found = Sought(np.eye(size), scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
-    return found, forces
+    for part, each in zip(numbered.parts, numbered.unknown, strict=True):
+        if isinstance(each, PointForce) and each.arc_length is None:
+            lower[part.stop - 1], upper[part.stop - 1] = _INSIDE * length, ends[each.tube] - _INSIDE * length
+    return scale, lower, upper
 
 
 def tube_ends(robot: Robot, actuation: Actuation) -> Array:
@@ -271,13 +281,14 @@ def tube_ends(robot: Robot, actuation: Actuation) -> Array:
 
 def check_places(experiment: Experiment, ends: Array) -> None:
     """Refuse measurements where no robot is, or not the tube that is meant."""
+    length = float(ends.max())
     for k, measurement in enumerate(experiment.measurements):
         for request in measurement.requests:
             if isinstance(request.place, Somewhere):
                 continue
-            s = arc_length_of(request.place, ends)
-            end = ends.max() if request.tube is None or request.kind in ("torque", "force") else ends[request.tube]
-            if s < 0.0 or s > end + 1e-9 * ends.max():
+            s = request.place if isinstance(request.place, float) else arc_length_of(request.place, ends)
+            end = length if request.tube is None or request.kind in ("torque", "force") else ends[request.tube]
+            if s < 0.0 or s > end + 1e-9 * length:
                 raise DefinitionError(
                     f"measurements[{k}] is at s = {s:g} m, but what is measured reaches from 0 to {end:g} m there"
                 )

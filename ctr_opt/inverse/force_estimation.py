@@ -30,6 +30,7 @@ UNKNOWN_LOADS = (TipForce, TipWrench, PointForce)
 _SAME = 1e-4  # of the loads' scales: solutions closer to each other are one
 _SEED = 0
 _MORE = 2  # times as many steps as without the unknown loads, in the virtual machine
+_MODELS = 8  # kept, of measurements at different places
 
 
 class ForceEstimationProblem:
@@ -101,7 +102,7 @@ class ForceEstimationProblem:
         }
         self._forward = ForwardProblem(robot, tolerance=self.tolerance, compiled=self._compiled)
         self.starts = index(starts - 1, "starts - 1") + 1
-        self._kept: Case | None = None
+        self._kept: list[Case] = []
 
     # -- solving ---------------------------------------------------------------------------------------------------
 
@@ -133,7 +134,7 @@ class ForceEstimationProblem:
         EstimationError
             No loads were found: what was tried, how far it got and what to do.
         """
-        experiment = _experiment(self.robot, actuation, measurements, loads)
+        experiment = experiment_of(self.robot, actuation, measurements, loads)
         case = self._case(experiment, fit)
         found = [] if initial is None else [case.search.solve(*self._near(case, initial))]
         states = [state for state in found if state is not None] or self._from_nothing(case)
@@ -153,7 +154,7 @@ class ForceEstimationProblem:
         DefinitionError
             As :meth:`solve`.
         """
-        experiment = _experiment(self.robot, actuation, measurements, loads)
+        experiment = experiment_of(self.robot, actuation, measurements, loads)
         check_places(experiment, tube_ends(self.robot, actuation))
 
     def _case(self, experiment: Experiment, fit: Fit | None) -> Case:
@@ -161,8 +162,9 @@ class ForceEstimationProblem:
             return _MORE * self._unloaded(experiment).solved().steps
 
         errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
-        case = Case.of(self.robot, experiment, self.unknown, errors, self.loss, self._compiled, steps, self._kept)
-        self._kept = case
+        before = next((each for each in self._kept if each.serves(experiment, errors)), None)
+        case = Case.of(self.robot, experiment, self.unknown, errors, self.loss, self._compiled, steps, before)
+        self._kept = [case, *(each for each in self._kept if each is not before)][:_MODELS]
         return case
 
     def _unloaded(self, experiment: Experiment) -> Equilibrium:
@@ -222,7 +224,8 @@ def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
     return tuple(each if each.prior is not None else attrs.evolve(each, prior=prior) for each in every)
 
 
-def _experiment(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:
+def experiment_of(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:
+    """One from which loads can be estimated."""
     experiment = Experiment(actuation, loads, measurements)
     if len(actuation.rotations) != len(robot.tubes):
         raise DefinitionError(f"actuation is of {len(actuation.rotations)} tubes, but the robot has {len(robot.tubes)}")

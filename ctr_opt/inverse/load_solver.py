@@ -7,12 +7,13 @@ order and both arrive together; no equilibrium is solved for on the way.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import EstimationError
+from ..errors import DefinitionError, EstimationError
 from ..robot.checks import Array
 from .comparison import Comparison
 from .loaded_model import LoadedModel
@@ -20,8 +21,10 @@ from .losses import Loss
 from .places import Orders, free, moved
 
 _MOST_STEPS = 60
-_ARRIVED = 1e-5  # standard deviations of the loads: a step so short is the last
-_BALANCED = 1e-9  # of the moments' size: what the equilibrium may be off
+_ARRIVED = 1e-5  # standard deviations of the loads: how short a step may be left out
+_SHRINK = 1e-2  # of the step before: a step is not taken to be shorter
+_BALANCED = 3e-5  # of the moments' size: what the equilibrium may be off before the last step, and squared after it
+_SETTLED = 1e-9  # of the moments' size: what is less off has the loss that it tells
 _NEAR = 0.3  # of the moments' size: farther off, the equilibrium is not told by its linearization
 BLIND = 30.0  # scaled standard deviation from which a direction is not moved along: loads would go anywhere
 _CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where there is no way on
@@ -43,6 +46,25 @@ class Sought:
     upper: Array
     spread: Array
 
+    @cached_property
+    def turn(self) -> Array:
+        """How the model's numbers, and the others behind them, follow ``x`` and ``e``."""
+        rows, columns = self.mixing.shape
+        turn = np.zeros(np.add(self.mixing.shape, self.spread.shape))
+        turn[:rows, :columns], turn[rows:, columns:] = self.mixing, self.spread
+        return turn
+
+    @cached_property
+    def whole_scale(self) -> Array:
+        """Of ``x`` and ``e``."""
+        return np.append(self.scale, np.ones(self.spread.shape[1]))
+
+    @cached_property
+    def whole_bounds(self) -> tuple[Array, Array]:
+        """Of ``x`` and ``e``."""
+        infinite = np.full(self.spread.shape[1], np.inf)
+        return np.append(self.lower, -infinite), np.append(self.upper, infinite)
+
 
 @attrs.frozen(eq=False)
 class Seen:
@@ -59,8 +81,15 @@ class Seen:
         """How many arc lengths are estimated."""
         return self.orders[-1][1] if self.orders else 0
 
+    @cached_property
+    def plain(self) -> bool:
+        """Whether all losses are squares."""
+        return all(loss.name == "squared" for loss in self.losses.values())
+
     def weights(self, misfit: Array) -> tuple[float, Array]:
         """The loss, and by what each number's square counts in it."""
+        if self.plain:
+            return 0.5 * float(misfit @ misfit), np.ones(len(misfit))
         squared = np.add.reduceat(misfit**2, self.starts)
         if len(self.losses) == 1:
             rho, first, _ = next(iter(self.losses.values())).evaluate(squared)
@@ -89,7 +118,21 @@ class State:
     off: float
     cost: float
     weights: Array
-    decrement: float = np.inf
+    arrived: bool = False
+
+    def moved(self, x: Array, places: Array, e: Array) -> State:
+        """Arrived at where a short step leads, to first order."""
+        misfit = self.misfit + self.slopes @ np.concatenate((x - self.x, e - self.e))
+        return attrs.evolve(
+            self,
+            z=self.z + self.follow @ np.concatenate(([1.0], x - self.x)),
+            x=x,
+            places=places,
+            e=e,
+            misfit=misfit + self.along @ (places - self.places),
+            follow=np.column_stack((np.zeros(len(self.z)), self.follow[:, 1:])),
+            arrived=True,
+        )
 
 
 @attrs.frozen(eq=False)
@@ -109,18 +152,18 @@ class Search:
         sought, n = self.sought, self.model.unknowns
         try:
             told = self.model.at(z, sought.mixing @ x, places * self.length)
-        except EstimationError:
+        except (EstimationError, DefinitionError):  # steps that cannot be laid out, or numbers without measure
             return None
-        count = sought.mixing.shape[0]
         misfit, rates = (each[0] for each in self.seen.comparison.compare(told.predictions))
-        by_z, by_x = told.slopes[:, :n], told.slopes[:, n : n + count] @ sought.mixing
-        by_e = told.slopes[:, n + count :] @ sought.spread
+        pulls = np.empty((n, 1 + len(x) + len(e)))
+        pulls[:, 0] = told.residual
+        pulls[:, 1:] = told.slopes[:, n:] @ sought.turn
         try:
-            follow = -np.linalg.solve(by_z, np.column_stack((told.residual, by_x, by_e)))
+            follow = -np.linalg.solve(told.slopes[:, :n], pulls)
         except np.linalg.LinAlgError:
             return None
-        every = np.column_stack((np.zeros(len(misfit)), rates[:, n : n + count] @ sought.mixing))
-        every = np.hstack((every, rates[:, n + count :] @ sought.spread)) + rates[:, :n] @ follow
+        every = rates[:, :n] @ follow
+        every[:, 1:] += rates[:, n:] @ sought.turn
         if not np.isfinite(every).all():
             return None
         slopes = every[:, 1:]
@@ -139,16 +182,11 @@ class Search:
     def solve(self, z: Array, x: Array, places: Array) -> State | None:
         """The least loss nearby; None where no way leads on."""
         state = self.at(z, np.clip(x, self.sought.lower, self.sought.upper), places, np.zeros(self.errors))
-        damping = 0.0
+        damping, before = 0.0, 0.0
         for _ in range(_MOST_STEPS):
-            if state is None:
-                return None
-            found, damping, decrement = self._stepped(state, damping)
-            if found is None:
-                return None
-            state = found
-            if decrement < _ARRIVED**2 and state.off < _BALANCED:
-                return attrs.evolve(state, decrement=decrement)
+            if state is None or state.arrived:
+                return state
+            state, damping, before = self._stepped(state, damping, before)
         return None
 
     @property
@@ -156,21 +194,29 @@ class Search:
         """How many standard normal errors of other numbers there are."""
         return int(self.sought.spread.shape[1])
 
-    def _stepped(self, state: State, damping: float) -> tuple[State | None, float, float]:
-        """The next state, not worse than this one; the damping it took; the squared length of the step."""
+    def _stepped(self, state: State, damping: float, before: float) -> tuple[State | None, float, float]:
+        """The next state, not worse than this one; the damping to go on with; the length of the step, if undamped.
+
+        The last step is taken without looking again: the one after it, as steps shrink, would be shorter than
+        ``_ARRIVED``.
+        """
         normal = Normal.of(self, state)
         while damping < _MOST_DAMPING:
             dx, de = normal.step(state, damping)
-            places = normal.places(state, np.concatenate((dx, de)))
-            z = state.z + state.follow @ np.concatenate(([1.0], dx))
-            found = self.at(z, state.x + dx, places, state.e + de)
+            whole = np.concatenate((dx, de))
+            x, places, e = state.x + dx, normal.places(state, whole), state.e + de
+            length = float(np.sqrt(whole @ normal.matrix @ whole))
+            last = 0.0 if damping else before
+            short = length * max(length, _SHRINK * last) < _ARRIVED * max(length, last)
+            if short and state.off < _BALANCED:
+                return state.moved(x, places, e), 0.0, length
+            found = self.at(state.z + state.follow @ np.concatenate(([1.0], dx)), x, places, e)
             if found is not None and found.off < _NEAR and found.cost <= state.cost + 1e-9 * (1.0 + abs(state.cost)):
-                whole = np.concatenate((dx, de))
-                return found, 0.0 if damping < 1e-6 else 0.1 * damping, float(whole @ normal.matrix @ whole)
-            if state.off > _BALANCED:  # its loss was told by a linearization: back into equilibrium first
-                return self.at(state.z + state.follow[:, 0], state.x, state.places, state.e), damping, np.inf
+                return found, 0.0 if damping < 1e-6 else 0.1 * damping, 0.0 if damping else length
+            if state.off > _SETTLED:  # its loss was told by a linearization: back into equilibrium first
+                return self.at(state.z + state.follow[:, 0], state.x, state.places, state.e), damping, 0.0
             damping = max(10.0 * damping, 1e-3)
-        return None, damping, np.inf
+        return None, damping, 0.0
 
 
 @attrs.frozen(eq=False)
@@ -195,11 +241,10 @@ class Normal:
         matrix, gradient = state.slopes.T @ weighted, weighted.T @ state.misfit
         matrix[:k, :k] += sought.prior_information
         gradient[:k] += sought.prior_information @ (state.x - sought.prior_mean)
-        those = np.arange(k, len(gradient))
-        matrix[those, those] += 1.0
+        matrix[k:, k:] += np.eye(search.errors)
         gradient[k:] += state.e
         by_place = state.along.T @ weighted
-        curvatures = np.einsum("nk,n,nk->k", state.along, state.weights, state.along)
+        curvatures = state.weights @ state.along**2
         pulls = state.along.T @ (state.weights * state.misfit)
         if len(curvatures):
             ways = free(state.places, search.seen.orders)
@@ -208,29 +253,29 @@ class Normal:
             rows, at = (ways.T @ by_place)[used], (ways.T @ pulls)[used]
             matrix = matrix - rows.T @ (rows / own[used, None])
             gradient = gradient - rows.T @ (at / own[used])
-        infinite = np.full(search.errors, np.inf)
-        lower, upper = np.append(sought.lower, -infinite), np.append(sought.upper, infinite)
-        scale = np.append(sought.scale, np.ones(search.errors))
-        return cls(matrix, gradient, scale, lower, upper, by_place, curvatures, pulls, search.seen.orders)
+        bounds = sought.whole_bounds
+        return cls(matrix, gradient, sought.whole_scale, *bounds, by_place, curvatures, pulls, search.seen.orders)
 
     def step(self, state: State, damping: float) -> tuple[Array, Array]:
         """Towards the least, within bounds; not along directions of which nothing is known."""
         at = np.concatenate((state.x, state.e))
         held = np.zeros(len(at), dtype=bool)
-        step = np.zeros(len(at))
-        for _ in range(len(at) + 1):
-            step[~held] = self._free_step(~held, self.gradient + self.matrix[:, held] @ step[held], damping)
+        step = self._free_step(slice(None), self.gradient, damping)
+        for _ in range(len(at)):
             beyond = ~held & ((at + step < self.lower) | (at + step > self.upper))
             if not beyond.any():
                 break
             step[beyond] = np.clip(at + step, self.lower, self.upper)[beyond] - at[beyond]
             held |= beyond
+            step[~held] = self._free_step(~held, self.gradient + self.matrix[:, held] @ step[held], damping)
         return step[: len(state.x)], step[len(state.x) :]
 
-    def _free_step(self, those: NDArray[np.bool_], gradient: Array, damping: float) -> Array:
+    def _free_step(self, those: NDArray[np.bool_] | slice, gradient: Array, damping: float) -> Array:
         scale = self.scale[those]
-        matrix = self.matrix[np.ix_(those, those)] * np.outer(scale, scale)
-        values, vectors = np.linalg.eigh(matrix + damping * np.diag(np.diag(matrix) + _CALM))
+        matrix = self.matrix[those][:, those] * (scale[:, None] * scale)
+        if damping:
+            matrix += damping * np.diag(np.diag(matrix) + _CALM)
+        values, vectors = np.linalg.eigh(matrix)
         known = values > BLIND**-2
         along = vectors[:, known]
         return np.asarray(-scale * (along @ ((along.T @ (scale * gradient[those])) / values[known])))

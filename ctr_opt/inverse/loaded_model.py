@@ -21,7 +21,7 @@ from ..robot.loads import Load
 from ..robot.parameters import parameters
 from ..robot.robot import Robot
 from .compiled_model import compilable
-from .measurements import Distal, Predicted, Request, Somewhere
+from .measurements import Distal, Found, Predicted, Request, Somewhere, Stacked
 from .model import GroupModel
 
 
@@ -31,7 +31,7 @@ class Told:
 
     residual: Array
     slopes: Array
-    predictions: list[Predicted]
+    predictions: Found
 
 
 class LoadedModel(Protocol):
@@ -86,6 +86,7 @@ class _Compiled:
         self._loads = [self._model.numbers(name) for name in names]
         self._joints = [self._model.numbers(name) for name in ("rotations", "translations")]
         self._requests = requests
+        self._poses = len(poses) == len(requests)
         self.unknowns = self._model.unknowns
 
     def actuated(self, actuation: Actuation) -> None:
@@ -101,6 +102,8 @@ class _Compiled:
         told = self._model.at(z[None])
         if told.failed[0]:
             raise EstimationError("compiled code refused these loads: its steps cannot be laid out")
+        if self._poses:
+            return Told(told.residual[0], told.slopes[0], Stacked(told.poses, told.rates))
         found, probe = [], 0
         for request in self._requests:
             if request.kind == "pose":

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from functools import cached_property
-from typing import Any, Protocol, TypeAlias
+from functools import cached_property, lru_cache
+from typing import Any, Protocol, TypeAlias, overload
 
 import attrs
 import numpy as np
@@ -98,6 +98,39 @@ class Predicted:
     slopes: Array
 
 
+@attrs.frozen(eq=False)
+class Stacked:
+    """Predictions of alike requests as they come from one array, in the place of a list of :class:`Predicted`.
+
+    ``(E, requests, ...)`` and ``(E, requests, ..., k)``.
+    """
+
+    value: Array
+    slopes: Array
+
+    @classmethod
+    def of(cls, found: Found) -> Stacked:
+        """Of predictions that all have one shape."""
+        if isinstance(found, Stacked):
+            return found
+        return cls(np.stack([each.value for each in found], axis=1), np.stack([each.slopes for each in found], axis=1))
+
+    @overload
+    def __getitem__(self, k: int) -> Predicted: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> Stacked: ...
+
+    def __getitem__(self, k: int | slice) -> Predicted | Stacked:
+        """Of one request, or of some."""
+        kind = Stacked if isinstance(k, slice) else Predicted
+        return kind(self.value[:, k], self.slopes[:, k])
+
+
+Found: TypeAlias = "Sequence[Predicted] | Stacked"
+"""Predictions, one for each request."""
+
+
 class Measurement(Protocol):
     """What all measurements can tell."""
 
@@ -125,7 +158,7 @@ class Measurement(Protocol):
         """Whether a noise level was given."""
 
     @staticmethod
-    def compare(measured: Sequence[Any], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    def compare(measured: Sequence[Any], found: Found) -> tuple[Array, Array]:
         """Predicted minus measured ``(E, blocks, size)``, SI, and the derivatives ``(E, blocks, size, k)``.
 
         ``measured``: of one kind and shape, in E experiments; ``found``: the predictions that they request.
@@ -142,7 +175,8 @@ def _places(value: Any) -> tuple[Place, ...]:
         return (_length(value),)
     if len(value) == 0:
         raise DefinitionError("arc_length = [] must hold at least one place")
-    return tuple(_length(item) for item in array(value, "arc_length", (None,), unit="m"))
+    given = array(value, "arc_length", (None,), unit="m")
+    return tuple(_length(item) for item in given) if (given < 0.0).any() else tuple(given.tolist())
 
 
 def _place(value: Any) -> tuple[Place, ...]:
@@ -164,8 +198,7 @@ def whitening(sigma: Any, blocks: int, size: int, field: str = "sigma") -> Array
     covariance, ``(blocks, size, size)`` are covariances.
     """
     if np.ndim(sigma) == 0:
-        deviation = number(sigma, field, above=0.0)
-        return np.broadcast_to(np.eye(size) / deviation, (blocks, size, size))
+        return _of_one_deviation(number(sigma, field, above=0.0), blocks, size)
     given = array(sigma, field, (None,) * np.ndim(sigma))
     if given.shape == (size,):
         if not (given > 0.0).all():
@@ -185,6 +218,12 @@ def whitening(sigma: Any, blocks: int, size: int, field: str = "sigma") -> Array
     except np.linalg.LinAlgError:
         raise DefinitionError(f"{field}: a covariance must be symmetric and positive definite") from None
     return np.broadcast_to(np.linalg.inv(factor), (blocks, size, size))
+
+
+@lru_cache
+def _of_one_deviation(sigma: float, blocks: int, size: int) -> Array:
+    """The same for each measurement of a stream, and not to be written to."""
+    return np.broadcast_to(np.eye(size) / sigma, (blocks, size, size))
 
 
 class _Measured:
@@ -218,11 +257,16 @@ class _Measured:
                     index(tube, "tube", tubes)
 
 
-def _distances(measured: Sequence[Any], found: Sequence[Predicted]) -> tuple[Array, Array]:
+def _distances(measured: Sequence[Any], found: Found) -> tuple[Array, Array]:
     """Of predicted from measured points, and derivatives."""
-    values = np.stack([each.value[:, :, 3] for each in found], axis=1)
-    rates = np.stack([each.slopes[:, :3] for each in found], axis=1)
-    return values - np.array([each.position for each in measured]), rates
+    poses = Stacked.of(found)
+    return poses.value[..., 3] - np.array([each.position for each in measured]), poses.slopes[:, :, :3]
+
+
+@lru_cache
+def _poses(places: tuple[Place, ...], sensor: str | None) -> tuple[Request, ...]:
+    """Requests of poses: the very same for all measurements at the same places."""
+    return tuple(Request("pose", place, sensor=sensor) for place in places)
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -272,7 +316,7 @@ class PositionMeasurement(_Measured):
     @property
     def requests(self) -> tuple[Request, ...]:
         """Poses at the places."""
-        return tuple(Request("pose", place, sensor=self.sensor) for place in self.arc_length)
+        return _poses(self.arc_length, self.sensor)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -280,7 +324,7 @@ class PositionMeasurement(_Measured):
         return len(self.arc_length), 3
 
     @staticmethod
-    def compare(measured: Sequence[PositionMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    def compare(measured: Sequence[PositionMeasurement], found: Found) -> tuple[Array, Array]:
         """Distances to the points, and derivatives."""
         return _distances(measured, found)
 
@@ -331,7 +375,7 @@ class BackboneMeasurement(_Measured):
         return len(self.position), 3
 
     @staticmethod
-    def compare(measured: Sequence[BackboneMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    def compare(measured: Sequence[BackboneMeasurement], found: Found) -> tuple[Array, Array]:
         """Distances to the points, and derivatives, places held."""
         return _distances(measured, found)
 
@@ -393,7 +437,7 @@ class PoseMeasurement(_Measured):
         return self.whitener
 
     @staticmethod
-    def compare(measured: Sequence[PoseMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    def compare(measured: Sequence[PoseMeasurement], found: Found) -> tuple[Array, Array]:
         """Difference of positions, and the rotation vector from the measured to the predicted frame."""
         from scipy.spatial.transform import Rotation
 
@@ -465,7 +509,7 @@ class TangentMeasurement(_Measured):
         return 1, 2
 
     @staticmethod
-    def compare(measured: Sequence[TangentMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    def compare(measured: Sequence[TangentMeasurement], found: Found) -> tuple[Array, Array]:
         """The predicted tangent across the measured one, scaled to the angle between them, and derivatives."""
         tangent, slopes = found[0].value[:, :, 2], found[0].slopes[:, 3:]
         axes = np.array([each._across for each in measured])
@@ -540,12 +584,11 @@ class CurvatureMeasurement(_Measured):
         return self.curvature.shape[0], self.curvature.shape[1]
 
     @staticmethod
-    def compare(measured: Sequence[CurvatureMeasurement], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    def compare(measured: Sequence[CurvatureMeasurement], found: Found) -> tuple[Array, Array]:
         """Differences of the curvatures, and derivatives."""
         size = measured[0].shape[1]
-        values = np.stack([each.value[:, :size] for each in found], axis=1)
-        rates = np.stack([each.slopes[:, :size] for each in found], axis=1)
-        return values - np.array([each.curvature for each in measured]), rates
+        told = Stacked.of(found)
+        return told.value[..., :size] - np.array([each.curvature for each in measured]), told.slopes[:, :, :size]
 
 
 class _OfActuator(_Measured):
@@ -567,7 +610,7 @@ class _OfActuator(_Measured):
         return 1, 1
 
     @staticmethod
-    def compare(measured: Sequence[_OfActuator], found: Sequence[Predicted]) -> tuple[Array, Array]:
+    def compare(measured: Sequence[_OfActuator], found: Found) -> tuple[Array, Array]:
         """Differences of the numbers, and derivatives."""
         told = np.array([[[getattr(each, each._kind)]] for each in measured])
         return found[0].value[:, None] - told, found[0].slopes[:, None]

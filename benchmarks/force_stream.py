@@ -1,0 +1,130 @@
+"""Does a stream of forces hold out? 10,000 samples at 100 Hz; see docs/force_stream.md for what came out.
+
+Robot B of problems/three_tubes in motion, its tip force wandering, seen in 20 points; samples are dropped, late, or
+wild. Run: ``python -m benchmarks.force_stream``, or ``--samples 1000``.
+"""
+
+import argparse
+from collections import deque
+from time import thread_time
+
+import attrs
+import numpy as np
+
+import ctr_opt as ctr
+
+from .memory import resident
+from .work import SEED, three_tubes
+
+RATE = 100.0  # Hz
+SIGMA = 2e-4  # m, of a point along an axis
+POINTS = 20
+MEMORY = 3.0  # s: in which the force forgets where it was
+DROPPED, LATE, WILD = 0.03, 0.02, 0.005  # of all samples
+DELAY = 3  # samples at most
+
+
+class Found:
+    """Processor times of updates and of warm forward solves, s; of the force squared errors, N^2, and these over their
+    covariance; which updates were of wild samples, which were left out; MB after so many.
+    """
+
+    def __init__(self, samples):
+        self.updates, self.solves, self.errors, self.nees = np.full((4, samples), np.nan)
+        self.wild, self.out = np.zeros((2, samples), dtype=bool)
+        self.memory = {}
+
+
+@attrs.frozen
+class Tick:
+    """The robot at one time: actuation, tip force, N, and its points, m; None where they were dropped."""
+
+    time: float
+    actuation: ctr.Actuation
+    force: np.ndarray
+    points: np.ndarray | None
+    wild: bool
+
+
+def ticks(work, samples, size, rng, found):
+    """The robot's motion, and what is seen of it; the time of the forward solves is noted."""
+    problem, shape = ctr.ForwardProblem(work.robot, compiled=True), work.start
+    places = np.linspace(0.15, 0.9, POINTS) * shape.length
+    force, drift = 0.5 * size * rng.normal(size=3), size * np.sqrt(2.0 / MEMORY)
+    for k in range(samples):
+        t = k / RATE
+        force = force * (1.0 - 1.0 / (RATE * MEMORY)) + drift / np.sqrt(RATE) * rng.normal(size=3)
+        turns = 0.5 * np.sin([1.0 * t, 0.7 * t + 1.0, 0.4 * t + 2.0])
+        drawn = 0.004 * (np.sin([0.5 * t, 0.3 * t, 0.2 * t]) - 1.0)
+        actuation = ctr.Actuation(work.actuation.rotations + turns, work.actuation.translations + drawn)
+        begin = thread_time()
+        shape = problem.solve(actuation, [ctr.PointWrench(force)], initial=shape)
+        found.solves[k] = thread_time() - begin
+        dropped, wild = rng.random(2) < (DROPPED, WILD)
+        points = shape.position(places) + SIGMA * (1e3 if wild else 1.0) * rng.normal(size=(POINTS, 3))
+        yield Tick(t, actuation, force, None if dropped else points, wild and not dropped)
+
+
+def arrivals(ticks, rng):
+    """The same in the order in which they arrive."""
+    waiting = deque()
+    for tick in ticks:
+        if tick.points is not None and rng.random() < LATE:
+            waiting.append((tick, tick.time + rng.integers(1, DELAY + 1) / RATE))
+        else:
+            yield tick
+        while waiting and waiting[0][1] <= tick.time:
+            yield waiting.popleft()[0]
+
+
+def run(samples):
+    """The estimator and what was found."""
+    found, rng = Found(samples), np.random.default_rng(SEED)
+    work = three_tubes("B", "none", 0)
+    size = work.robot.tubes[0].bending_stiffness / work.start.length**2
+    places = np.linspace(0.15, 0.9, POINTS) * work.start.length
+    estimator = ctr.ForceEstimator(
+        work.robot, ctr.TipForce(), rate=RATE, drift=size * np.sqrt(2.0 / MEMORY), compiled=True
+    )
+    newest = None
+    for k, tick in enumerate(arrivals(ticks(work, samples, size, rng, found), rng)):
+        begin = thread_time()
+        seen = None if tick.points is None else ctr.PositionMeasurement(places, tick.points, SIGMA)
+        told = estimator.update(tick.actuation, seen, tick.time)
+        found.updates[k] = thread_time() - begin
+        newest = tick if newest is None or tick.time >= newest.time else newest
+        error = told.force - newest.force
+        found.errors[k], found.nees[k] = error @ error, error @ np.linalg.solve(told.force_covariance, error)
+        found.wild[k], found.out[k] = tick.wild, told.status == "left out"
+        if k + 1 in (samples // 10, samples - DELAY):
+            found.memory[k + 1] = resident()
+    return estimator, found
+
+
+def lines(samples):
+    """What came out, in words."""
+    estimator, found = run(samples)
+    done = np.isfinite(found.updates)  # a late sample may still be waiting
+    wild, out, updates = found.wild[done], found.out[done], 1e3 * found.updates[done]
+    solve = 1e3 * np.median(found.solves)
+    yield "samples: " + ", ".join(f"{count} {status}" for status, count in estimator.counts.most_common())
+    yield f"wild: {wild.sum()}, of them left out: {(wild & out).sum()}; others left out: {(out & ~wild).sum()}"
+    for name, own in (("an update", updates[~wild]), ("one with a wild sample", updates[wild])):
+        median, most = np.median(own), np.quantile(own, 0.99)
+        yield f"{name}: {median:.2f} ms (median), {most:.2f} ms (99 %), {own.max():.1f} ms (largest)"
+    yield f"a warm forward solve: {1e3 * solve:.0f} us; an update is {np.median(updates) / solve:.0f} of them (medians)"
+    yield f"error of the force: {np.sqrt(np.mean(found.errors[done])):.4f} N (root mean square)"
+    yield f"squared error over covariance: {np.mean(found.nees[done]):.2f} (expected: 3)"
+    yield "resident: " + ", ".join(f"{size:.1f} MB after {k:,}" for k, size in found.memory.items())
+
+
+def main(arguments=None):
+    """Run and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.force_stream", description=__doc__)
+    parser.add_argument("--samples", type=int, default=10_000)
+    for line in lines(parser.parse_args(arguments).samples):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

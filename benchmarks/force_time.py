@@ -1,0 +1,71 @@
+"""How long does it take to find forces, counted in warm forward solves of the same robot?
+
+Run: ``python -m benchmarks.force_time``, or ``--seconds 1``.
+"""
+
+import argparse
+
+import attrs
+import numpy as np
+
+import ctr_opt as ctr
+
+from .table import time
+from .timing import Effort, fastest
+from .work import SEED, three_tubes
+
+SIGMA = 2e-4  # m, of a point along an axis
+POINTS = 20
+NEIGHBOURS = 10
+
+
+def tip_force(effort):
+    """Names, and seconds of each: a warm forward solve, and the tip force from 20 points, warm and cold.
+
+    Each goes to and fro between neighbours of robot B's actuation; measurements are made anew. Medians over pairs.
+    """
+    work = three_tubes("B", "force", effort.neighbours)
+    forward = ctr.ForwardProblem(work.robot, compiled=True)
+    problem = ctr.ForceEstimationProblem(work.robot, ctr.TipForce(), compiled=True)
+    rng, places = np.random.default_rng(SEED), np.linspace(0.15, 0.95, POINTS) * work.start.length
+    shapes = [forward.solve(target, work.loads, initial=work.start) for target in work.targets]
+    points = [shape.position(places) + SIGMA * rng.normal(size=(POINTS, 3)) for shape in shapes]
+
+    def estimate(k, initial=None):
+        return problem.solve(work.targets[k], ctr.PositionMeasurement(places, points[k], SIGMA), initial=initial)
+
+    def to_and_fro(pair, found, solve):
+        there, back = pair
+        return lambda: [solve(there, found[back]), solve(back, found[there])]
+
+    ways = {
+        "warm forward solve": (shapes, lambda k, initial: forward.solve(work.targets[k], work.loads, initial=initial)),
+        f"tip force from {POINTS} points, warm": ([estimate(k) for k in range(len(points))], estimate),
+        f"tip force from {POINTS} points, cold": ([None] * len(points), estimate),
+    }
+    pairs = [(k - 1, k) for k in range(1, len(points))]
+    share = attrs.evolve(effort, seconds=effort.seconds / len(pairs))
+    seconds = [fastest([to_and_fro(pair, *way) for way in ways.values()], share) / 2.0 for pair in pairs]
+    return dict(zip(ways, np.median(seconds, axis=0), strict=True))
+
+
+def lines(effort):
+    """A table: times, and ratios to the warm forward solve."""
+    found = tip_force(effort)
+    unit = next(iter(found.values()))
+    yield "| robot B | time | over a warm forward solve |"
+    yield "| --- | ---: | ---: |"
+    for name, seconds in found.items():
+        yield f"| {name} | {time(seconds)} | {seconds / unit:.1f} |"
+
+
+def main(arguments=None):
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.force_time", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    for line in lines(Effort(parser.parse_args(arguments).seconds, 5, NEIGHBOURS)):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,277 @@
+"""Loads on a robot from a stream of measured shapes: a moving horizon, warm-started, that survives what is missing."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..errors import DefinitionError, EstimationError, SolveError
+from ..robot.actuation import Actuation
+from ..robot.checks import Array, array, number
+from ..robot.loads import Load
+from ..robot.robot import Robot
+from .force_case import Case, Numbered, extent
+from .force_estimation import ForceEstimationProblem, experiment_of
+from .force_window import Belief, Sample, Window
+from .load_solver import Search, State
+from .measurements import Measurement
+from .streamed_force import StreamedForce
+from .unknown_loads import UnknownLoad
+
+_CLOSE = 0.05  # of the moments' size: how far off an equilibrium a search may begin and not be blamed for it
+_OPEN = 1e3  # characteristic sizes: standard deviation, to begin with, of numbers of which nothing is known
+
+
+class ForceEstimator:
+    """Follow the loads on a robot, sample by sample.
+
+    The loads sought walk randomly, ``x(t + h) = x(t) + drift sqrt(h) n`` with standard normal ``n``. The last samples
+    are estimated together, by Gauss-Newton steps; what earlier ones told is kept as a normal distribution, so that
+    memory and time do not grow. Where everything is linear this is the Kalman filter.
+
+    Parameters
+    ----------
+    robot
+        The robot, calibrated.
+    unknown
+        What is sought, as in :class:`~ctr_opt.ForceEstimationProblem`.
+    rate
+        Samples in a second, Hz: where updates do not tell their time.
+    drift
+        How the loads change: standard deviation after a second, growing with the square root of time. A number: of
+        forces, N/sqrt(s); or by field, ``{"force": 0.1, "moment": 1e-3}``, a number or one for each component, N, N m,
+        or for an ``"arc_length"`` m, over sqrt(s).
+    horizon
+        How many samples are estimated together.
+    prior
+        Of forces, to begin with, as in :class:`~ctr_opt.ForceEstimationProblem`.
+    outlier
+        Standard deviations, root mean square over a sample: one that is farther from every shape that the loads can
+        give is left out.
+    loss, tolerance, compiled
+        As in :class:`~ctr_opt.ForceEstimationProblem`.
+
+    Attributes
+    ----------
+    counts
+        How many samples were ``"used"``, ``"late"``, ``"dropped"``, ``"too late"``, ``"left out"``.
+
+    Raises
+    ------
+    DefinitionError
+        Names the field, the value and what is allowed.
+
+    Notes
+    -----
+    Errors of the actuation and of the calibration, which do not change from sample to sample, are not counted.
+
+    Examples
+    --------
+    A rod that is pushed harder and harder, with a sample missing:
+
+    >>> import ctr_opt as ctr
+    >>> rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)])
+    >>> held, stream = ctr.Actuation([0.0], [0.0]), ctr.ForceEstimator(rod, [ctr.TipForce()], rate=100.0, drift=1.0)
+    >>> for push in (0.1, 0.12, None, 0.16):
+    ...     if push is None:
+    ...         found = stream.update(held)
+    ...         continue
+    ...     shape = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([push, 0.0, 0.0])])
+    ...     seen = ctr.PositionMeasurement([0.05, 0.1], shape.position([0.05, 0.1]), sigma=1e-5)
+    ...     found = stream.update(held, seen)
+    >>> bool(abs(found.force[0] - 0.16) < 1e-3), found.time, found.samples, stream.counts["dropped"]
+    (True, 0.03, 3, 1)
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        unknown: UnknownLoad | Sequence[UnknownLoad],
+        *,
+        rate: float,
+        drift: Any,
+        horizon: int = 5,
+        prior: Any = None,
+        outlier: float = 30.0,
+        loss: str = "squared",
+        tolerance: float = 1e-7,
+        compiled: bool | None = None,
+    ) -> None:
+        self._problem = ForceEstimationProblem(
+            robot, unknown, prior=prior, loss=loss, tolerance=tolerance, compiled=compiled
+        )
+        self.robot = robot
+        self.rate = number(rate, "rate", above=0.0, unit="Hz")
+        self.horizon = _count(horizon)
+        self.outlier = number(outlier, "outlier", above=0.0)
+        self.counts: Counter[str] = Counter()
+        self._numbered = Numbered.of(self._problem.unknown, 0)
+        self._unit = extent(robot, self._numbered, np.array([tube.length for tube in robot.tubes]))[0]
+        walk = np.diag((_drift(drift, self._numbered) / self._unit) ** 2)
+        self._window = Window(_before(self._numbered, self._unit), walk, self.horizon)
+        self._clock: float | None = None
+
+    def update(
+        self,
+        actuation: Actuation,
+        measurements: Measurement | Sequence[Measurement] | None = None,
+        time: float | None = None,
+        loads: Sequence[Load] = (),
+    ) -> StreamedForce:
+        """Take another sample; whatever becomes of it, tell what is known of the loads.
+
+        Parameters
+        ----------
+        actuation
+            Of the robot when it was measured.
+        measurements
+            Any mix, each with its ``sigma``; None or an empty list: the sample was dropped.
+        time
+            When it was measured, s; default: a period of ``rate`` after the newest.
+        loads
+            Loads that are known.
+
+        Raises
+        ------
+        DefinitionError
+            A wrong call: another robot's actuation, a measurement beyond the tip, a time that is no number. The
+            estimator is as it was before.
+        """
+        time = self._time(time)
+        case = self._case(actuation, measurements, loads)
+        sample = None
+        if case is None:
+            status = "dropped"
+        elif time < self._window.since:
+            status = "too late"
+        else:
+            sample = self._sample(case, time)
+            late = self._clock is not None and time < self._clock
+            status = "left out" if sample is None else "late" if late else "used"
+        if sample is not None:
+            self._window.add(sample)
+        self._clock = time if self._clock is None else max(time, self._clock)
+        self.counts[status] += 1
+        return self._told(self._clock, status, None if sample is None else sample.state)
+
+    def _time(self, given: float | None) -> float:
+        if given is not None:
+            return number(given, "time", unit="s")
+        return 0.0 if self._clock is None else self._clock + 1.0 / self.rate
+
+    def _case(self, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Case | None:
+        """What is sought and seen, without prior; None where nothing is seen."""
+        if measurements is None or (isinstance(measurements, Sequence) and not measurements):
+            return None
+        case = self._problem._case(experiment_of(self.robot, actuation, measurements, loads), None)
+        return _with_prior(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
+
+    # -- one sample ------------------------------------------------------------------------------------------------
+
+    def _sample(self, case: Case, time: float) -> Sample | None:
+        """The loads that explain a sample, with what was predicted; None where none do."""
+        predicted = self._window.predicted(time)
+        information = np.linalg.inv(predicted.covariance) / np.outer(self._unit, self._unit)
+        expected = _with_prior(case, predicted.mean * self._unit, information)
+        before = self._window.nearest(time)
+        state = None
+        if before is not None and len(before.places) == case.search.seen.places:
+            state = expected.search.solve(before.z, expected.start, before.places)
+            if state is None and _well_begun(expected, before):
+                return None
+        state = state or self._anew(expected)
+        if state is None or self._wild(case.search, state):
+            return None
+        return Sample.of(time, case.experiment.actuation, case.search, self._unit, state)
+
+    def _anew(self, case: Case) -> State | None:
+        """From the shape under the loads that were predicted or, failing that, as if it were the first sample."""
+        problem, actuation = self._problem, case.experiment.actuation
+        try:
+            if self._window.samples:
+                shape = problem._forward.solve(actuation, case.loads_at(case.start))
+                state = case.search.solve(shape.unknowns, case.start, problem._places(case, shape))
+                if state is not None:
+                    return state
+            return next(iter(problem._from_nothing(case)), None)
+        except (SolveError, EstimationError):
+            return None
+
+    def _wild(self, search: Search, state: State) -> bool:
+        """Whether a sample is off whatever the loads, those included that nobody would expect."""
+        if _off(state) <= self.outlier:
+            return False
+        free = search.solve(state.z, state.x, state.places)
+        return free is None or _off(free) > self.outlier
+
+    def _told(self, time: float, status: str, state: State | None) -> StreamedForce:
+        window, unit = self._window, self._unit
+        belief = window.predicted(time)
+        return StreamedForce(
+            time,
+            status,
+            self._numbered.labels,
+            belief.mean * unit,
+            belief.covariance * np.outer(unit, unit),
+            np.nan if state is None else 2.0 * state.cost,
+            0 if state is None else len(state.misfit) - len(state.places),
+            np.array([each.time for each in window.samples]),
+            np.reshape(window.means, (-1, len(unit))) * unit,
+            self._numbered,
+        )
+
+
+def _count(horizon: Any) -> int:
+    if number(horizon, "horizon", least=1.0) % 1.0:
+        raise DefinitionError(f"horizon = {horizon!r} must be a whole number of samples, at least 1")
+    return int(horizon)
+
+
+def _with_prior(case: Case, mean: Array, information: Array) -> Case:
+    sought = attrs.evolve(case.search.sought, prior_mean=mean, prior_information=information)
+    return attrs.evolve(case, search=attrs.evolve(case.search, sought=sought))
+
+
+def _well_begun(case: Case, before: State) -> bool:
+    """Whether the sample before was so close to this equilibrium that no other start would lead further."""
+    at = None if case.contacts else case.search.at(before.z, case.start, before.places, before.e)
+    return at is not None and at.off < _CLOSE
+
+
+def _off(state: State) -> float:
+    """Root mean square of the misfits, as the loss counts them, standard deviations."""
+    return float(np.sqrt(state.weights @ state.misfit**2 / len(state.misfit)))
+
+
+def _before(numbered: Numbered, unit: Array) -> Belief:
+    """What is known before the first sample, in units."""
+    mean, information = np.zeros(len(unit)), np.zeros((len(unit), len(unit)))
+    for part, each in zip(numbered.parts, numbered.unknown, strict=True):
+        known = each.known_before
+        if known is not None:
+            mean[part], information[part, part] = known.mean, known.information
+    information = information * np.outer(unit, unit)
+    open_ = np.diag(information) == 0.0
+    return Belief(mean / unit, np.linalg.inv(information + np.diag(np.where(open_, _OPEN**-2, 0.0))))
+
+
+def _drift(given: Any, numbered: Numbered) -> Array:
+    """Standard deviations after a second, SI."""
+    fields = {number.field: number.size for each in numbered.unknown for number in each.sought}
+    by_field = given if isinstance(given, Mapping) else {"force": given}
+    if set(by_field) != set(fields):
+        raise DefinitionError(f"drift = {given!r} must tell that of {' and '.join(fields)}: a mapping of these")
+    found = np.empty(len(numbered.labels))
+    for field, size in fields.items():
+        value = np.broadcast_to(
+            array(by_field[field], f"drift[{field!r}]", (None,) * np.ndim(by_field[field])), (size,)
+        )
+        if not (value > 0.0).all():
+            raise DefinitionError(f"drift[{field!r}] = {by_field[field]!r} must be positive")
+        for part in numbered.where(field):
+            found[part] = value
+    return found
