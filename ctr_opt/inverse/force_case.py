@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from ..errors import DefinitionError, EstimationError
+from ..forward import ForwardProblem
 from ..mechanics.sections import Configuration
 from ..robot.checks import Array
 from ..robot.loads import Load
@@ -19,14 +20,15 @@ from .comparison import Comparison
 from .compiled_model import euler_rates
 from .experiment import Experiment
 from .fit import Fit
-from .load_solver import Search, Seen, Sought, blocks
+from .load_solver import Search, Seen, Sought, State, blocks
 from .loaded_model import loaded_model
 from .losses import Loss
 from .measurements import Measurement, Somewhere, arc_length_of
-from .places import orders
+from .places import nearest, orders
 from .unknown_loads import PointForce, UnknownLoad
 
 _INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
+_UNLIKELY = 1e-3  # probability of residuals that are not believed
 _VIRTUAL_STEPS = 8  # in each section, in the virtual machine
 
 
@@ -222,6 +224,26 @@ class Case:
         """Where the numbers of unknown loads at unknown places stand."""
         both = zip(self.numbered.parts, self.numbered.unknown, strict=True)
         return [part for part, each in both if any(number.field == "arc_length" for number in each.sought)]
+
+    def resting(self, forward: ForwardProblem) -> State:
+        """The robot without the unknown loads, its points at the places next to them."""
+        shape = forward.solve(self.experiment.actuation, self.experiment.loads)
+        places = nearest(self.experiment, shape, self.whitener, self.loss_of_points)
+        found = self.search.at(shape.unknowns, self.start, places, np.zeros(self.search.errors))
+        if found is None:
+            raise EstimationError("without the unknown loads the robot's shape cannot be compared with measurements")
+        return found
+
+    def likely(self, state: State) -> bool:
+        """Whether model and noise explain the residuals: else another place may, that the search has missed."""
+        from scipy.stats import chi2
+
+        return 2.0 * state.cost < float(chi2.isf(_UNLIKELY, len(state.misfit)))
+
+    def tube_of(self, part: slice) -> int:
+        """The tube on which the contact presses whose numbers stand there."""
+        unknown = self.numbered.unknown[self.numbered.parts.index(part)]
+        return unknown.tube if isinstance(unknown, PointForce) else 0
 
     def loads_at(self, x: Array) -> list[Load]:
         """Known loads and those sought, with these numbers."""

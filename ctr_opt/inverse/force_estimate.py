@@ -12,6 +12,7 @@ from ..equilibrium import Equilibrium
 from ..forward import ForwardProblem
 from ..robot.checks import Array
 from ..robot.loads import Load
+from .contact_profile import LEVEL, Profile
 from .force_case import Case
 from .load_solver import Normal, State
 from .places import free
@@ -87,6 +88,24 @@ class ForceEstimate:
         """Its standard deviation, m, where it is estimated; of several a list."""
         errors = [float(self.deviations[part.start]) for part in self.case.numbered.where("arc_length")]
         return errors if len(errors) > 1 else errors[0] if errors else None
+
+    @cached_property
+    def arc_length_set(self) -> Any:
+        """Where the contact can be: a list of intervals ``(start, end)``, m, that hold its place with 95 % probability.
+
+        By profile likelihood: at every place in them the loss, with forces estimated anew, is no more than 1.92 above
+        the least, half the 95 % quantile of chi-square with one degree of freedom (which is meant for the squared
+        loss). Several intervals where measurements do not tell places apart. Of several unknown places a list for each;
+        None where none is unknown. It takes a walk along the tube, some 0.2 s with compiled code.
+        """
+        found = [profile.within(LEVEL) for profile in self._profiles]
+        return found if len(found) > 1 else found[0] if found else None
+
+    @cached_property
+    def _profiles(self) -> list[Profile]:
+        """Of the loss, by each unknown place."""
+        resting = self.case.resting(self._forward)
+        return [Profile.of(self.case, part, self._states, resting) for part in self.case.contacts]
 
     @cached_property
     def loads(self) -> list[Load]:

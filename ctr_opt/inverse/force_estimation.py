@@ -15,6 +15,7 @@ from ..robot.actuation import Actuation
 from ..robot.checks import Array, array, choice, flag, index, number
 from ..robot.loads import Load
 from ..robot.robot import Robot
+from .contact_profile import Profile
 from .contact_search import contacts
 from .experiment import Experiment
 from .fit import Fit
@@ -163,19 +164,26 @@ class ForceEstimationProblem:
     def _from_nothing(self, case: Case) -> list[State]:
         """From the robot without the unknown loads, and where contacts are sought, from places that look likely."""
         try:
-            shape = self._forward.solve(case.experiment.actuation, case.experiment.loads)
+            resting = case.resting(self._forward)
         except SolveError as error:
             raise EstimationError(f"without the unknown loads the robot has no equilibrium: {error}") from error
-        places = self._places(case, shape)
-        starts = contacts(case, shape.unknowns, places) if case.contacts else [case.start]
+        starts = contacts(case, resting.z, resting.places) if case.contacts else [case.start]
         rng = np.random.default_rng(_SEED)
         starts += [case.start + case.forces * rng.normal(size=len(case.start)) for _ in range(self.starts - 1)]
-        found: list[State] = []
-        for x in starts:
-            state = case.search.solve(shape.unknowns, x, places)
-            if state is not None and not any(_same(case, state, other) for other in found):
-                found.append(state)
-        return sorted(found, key=lambda state: state.cost)
+        found = _different(case, [case.search.solve(resting.z, x, resting.places) for x in starts])
+        if case.contacts and not (found and case.likely(found[0])):
+            walked = [Profile.of(case, part, found, resting).least() for part in case.contacts]
+            found = _different(case, [*found, *(case.search.solve(each.z, each.x, each.places) for each in walked)])
+        return found
+
+
+def _different(case: Case, states: Sequence[State | None]) -> list[State]:
+    """Those that are found, each once, the likeliest first."""
+    found: list[State] = []
+    for state in states:
+        if state is not None and not any(_same(case, state, other) for other in found):
+            found.append(state)
+    return sorted(found, key=lambda state: state.cost)
 
 
 def _same(case: Case, a: State, b: State) -> bool:

@@ -23,7 +23,10 @@ _MOST_STEPS = 60
 _ARRIVED = 1e-5  # standard deviations of the loads: a step so short is the last
 _BALANCED = 1e-9  # of the moments' size: what the equilibrium may be off
 _NEAR = 0.3  # of the moments' size: farther off, the equilibrium is not told by its linearization
+_ROUGH = 1e-3  # of the moments' size: farther off, the loss of the linearization may be too small to be met again
 _BLIND = 1e3  # scaled standard deviation from which a direction is not moved along, as nothing is known of it
+_STALLED, _NOTHING = 8, 1e-7  # steps in which the loss falls by less, relative, where it is flat: the last
+_CORRECTIONS = 3  # of forces for new places of contacts, where a step of both goes too far
 _CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where there is no way on
 
 
@@ -42,6 +45,11 @@ class Sought:
     lower: Array
     upper: Array
     spread: Array
+
+    @property
+    def at_places(self) -> NDArray[np.bool_]:
+        """Which of ``x`` are places of contacts: they alone are bounded."""
+        return np.isfinite(self.lower)
 
 
 @attrs.frozen(eq=False)
@@ -91,6 +99,10 @@ class State:
     weights: Array
     decrement: float = np.inf
 
+    def better_than(self, other: State) -> bool:
+        """Whether the loss is not greater, but for rounding."""
+        return self.cost <= other.cost + 1e-9 * (1.0 + abs(other.cost))
+
 
 @attrs.frozen(eq=False)
 class Search:
@@ -101,6 +113,7 @@ class Search:
     length: float
     sought: Sought
     seen: Seen
+    arrived: float = _ARRIVED
 
     # -- evaluation ------------------------------------------------------------------------------------------------
 
@@ -139,17 +152,24 @@ class Search:
     def solve(self, z: Array, x: Array, places: Array) -> State | None:
         """The least loss nearby; None where no way leads on."""
         state = self.at(z, np.clip(x, self.sought.lower, self.sought.upper), places, np.zeros(self.errors))
-        damping = 0.0
+        damping, costs = 0.0, []
         for _ in range(_MOST_STEPS):
             if state is None:
                 return None
-            found, damping, decrement = self._stepped(state, damping)
-            if found is None:
-                return None
-            state = found
-            if decrement < _ARRIVED**2 and state.off < _BALANCED:
+            costs.append(state.cost)
+            if len(costs) > _STALLED and np.ptp(costs[-_STALLED:]) < _NOTHING * (1.0 + state.cost):
+                return self._at_rest(state)
+            state, damping, decrement = self._stepped(state, damping)
+            if state is not None and decrement < self.arrived**2 and state.off < _BALANCED:
                 return attrs.evolve(state, decrement=decrement)
         return None
+
+    def _at_rest(self, state: State) -> State | None:
+        """The same loads with the robot in equilibrium."""
+        found: State | None = state
+        while found is not None and found.off >= _BALANCED:
+            found = self._settled(found)
+        return found
 
     @property
     def errors(self) -> int:
@@ -160,15 +180,34 @@ class Search:
         """The next state, not worse than this one; the damping it took; the squared length of the step."""
         normal = Normal.of(self, state)
         while damping < _MOST_DAMPING:
-            dx, de = normal.step(state, damping)
-            places = normal.places(state, np.concatenate((dx, de)))
-            z = state.z + state.follow @ np.concatenate(([1.0], dx))
-            found = self.at(z, state.x + dx, places, state.e + de)
-            if found is not None and found.off < _NEAR and found.cost <= state.cost + 1e-9 * (1.0 + abs(state.cost)):
-                whole = np.concatenate((dx, de))
-                return found, 0.0 if damping < 1e-6 else 0.1 * damping, float(whole @ normal.matrix @ whole)
+            found, length = self._tried(state, normal, damping)
+            for _ in range(_CORRECTIONS if self.sought.at_places.any() else 0):
+                if found is None or found.better_than(state):
+                    break
+                found, length = self._tried(found, Normal.of(self, found), damping, self.sought.at_places)[0], np.inf
+            if found is not None and found.better_than(state):
+                return found, 0.0 if damping < 1e-6 else 0.1 * damping, length if damping == 0.0 else np.inf
             damping = max(10.0 * damping, 1e-3)
+            settled = self._settled(state) if state.off > _ROUGH else None
+            if settled is not None:
+                return settled, damping, np.inf
         return None, damping, np.inf
+
+    def _tried(
+        self, state: State, normal: Normal, damping: float, held: NDArray[np.bool_] | None = None
+    ) -> tuple[State | None, float]:
+        """Where a step leads, None where that is nowhere near an equilibrium; and its squared length."""
+        dx, de = normal.step(state, damping, held)
+        whole = np.concatenate((dx, de))
+        z = state.z + state.follow @ np.concatenate(([1.0], dx))
+        found = self.at(z, state.x + dx, normal.places(state, whole), state.e + de)
+        near = found is not None and found.off < _NEAR
+        return found if near else None, float(whole @ normal.matrix @ whole)
+
+    def _settled(self, state: State) -> State | None:
+        """The same loads closer to equilibrium, where the loss means what it says; None where it is not closer."""
+        found = self.at(state.z + state.follow[:, 0], state.x, state.places, state.e)
+        return found if found is not None and found.off < 0.5 * state.off else None
 
 
 @attrs.frozen(eq=False)
@@ -211,10 +250,12 @@ class Normal:
         scale = np.append(sought.scale, np.ones(search.errors))
         return cls(matrix, gradient, scale, lower, upper, by_place, curvatures, pulls, search.seen.orders)
 
-    def step(self, state: State, damping: float) -> tuple[Array, Array]:
-        """Towards the least, within bounds; not along directions of which nothing is known."""
+    def step(self, state: State, damping: float, hold: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
+        """Towards the least, within bounds; not along directions of which nothing is known, or that are to hold."""
         at = np.concatenate((state.x, state.e))
         held = np.zeros(len(at), dtype=bool)
+        if hold is not None:
+            held[: len(hold)] = hold
         step = np.zeros(len(at))
         for _ in range(len(at) + 1):
             step[~held] = self._free_step(~held, self.gradient + self.matrix[:, held] @ step[held], damping)
