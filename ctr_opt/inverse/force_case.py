@@ -18,6 +18,7 @@ from ..robot.replacing import loads_with
 from ..robot.robot import Robot
 from .comparison import Comparison
 from .compiled_model import euler_rates
+from .distributed_force import DistributedForce
 from .experiment import Experiment
 from .fit import Fit
 from .load_solver import Search, Seen, Sought, State, blocks
@@ -106,7 +107,7 @@ class Numbered:
         for k, each in enumerate(unknown):
             own = each.sought
             prefix = f"unknown[{k}]." if len(unknown) > 1 else ""
-            names += [f"loads[{first + len(templates) + number.load}].{number.field}" for number in own]
+            names += [f"loads[{first + len(templates) + load}].{field}" for load, field in each.taken]
             parts.append(slice(len(labels), len(labels) + sum(number.size for number in own)))
             labels += [prefix + label for number in own for label in number.labels]
             templates += each.loads()
@@ -123,6 +124,24 @@ class Numbered:
                 start += number.size
         return found
 
+    @property
+    def resultants(self) -> list[Array]:
+        """Total forces of the unknown loads ``(3, numbers)``, by all numbers that are sought."""
+        found = []
+        for part, each in zip(self.parts, self.unknown, strict=True):
+            rows = np.zeros((3, len(self.labels)))
+            rows[:, part] = each.resultant
+            found.append(rows)
+        return found
+
+    def roughness(self) -> Array | None:
+        """Of a distributed force whose smoothness is not given, as a quadratic form of all numbers."""
+        found = np.zeros((len(self.labels),) * 2)
+        for part, each in zip(self.parts, self.unknown, strict=True):
+            if isinstance(each, DistributedForce) and each.smoothness is None:
+                found[part, part] = each.roughness
+        return found if found.any() else None
+
     def loads_at(self, known: Sequence[Load], numbers: Array) -> list[Load]:
         """The known loads and those sought, with the numbers of the model."""
         values: dict[str, Any] = {}
@@ -136,11 +155,17 @@ class Numbered:
         return [*known, *loads_with(self.templates, values)]
 
 
+def extents(unknown: Sequence[UnknownLoad]) -> list[float | None]:
+    """Where distributed forces end."""
+    return [each.end for each in unknown if isinstance(each, DistributedForce)]
+
+
 @attrs.frozen(eq=False)
 class Case:
     """An experiment, the loads sought in it, and the search for them.
 
-    ``forces``: the numbers' scales where they are forces, zero elsewhere.
+    ``forces``: the numbers' scales where they are forces, zero elsewhere; ``roughness``: of a distributed force whose
+    smoothness is to be found, as a quadratic form of all numbers.
     """
 
     robot: Robot
@@ -152,6 +177,7 @@ class Case:
     ends: Array
     search: Search
     forces: Array
+    roughness: Array | None
 
     @classmethod
     def of(
@@ -167,7 +193,8 @@ class Case:
         """A case; the model of the one ``before`` is used again where it serves."""
         ends = np.array([tube.length for tube in robot.tubes]) + experiment.actuation.translations
         _check_places(experiment, ends)
-        if before is not None and before.serves(experiment, errors):
+        unknown = tuple(each.placed(ends) for each in unknown)
+        if before is not None and before.serves(experiment, errors, unknown):
             return before.again(experiment, ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
         every = (*experiment.loads, *numbered.templates)
@@ -189,15 +216,16 @@ class Case:
         comparison = Comparison([experiment.measurements], _whitener(loss))
         seen = Seen(comparison, starts, sizes, losses, orders(experiment))
         search = Search(model, unit, float(ends.max()), sought, seen)
-        return cls(robot, experiment, numbered, errors, loss, compiled, ends, search, forces)
+        return cls(robot, experiment, numbered, errors, loss, compiled, ends, search, forces, numbered.roughness())
 
-    def serves(self, experiment: Experiment, errors: Errors) -> bool:
-        """Whether its model serves another experiment, too."""
+    def serves(self, experiment: Experiment, errors: Errors, unknown: tuple[UnknownLoad, ...]) -> bool:
+        """Whether its model serves another experiment, too, with the same unknown loads, as they are placed there."""
         own = self.experiment
         return (
             own.requests == experiment.requests
             and [type(each) for each in own.measurements] == [type(each) for each in experiment.measurements]
             and own.loads == experiment.loads
+            and extents(self.numbered.unknown) == extents(unknown)
             and self.errors.names == errors.names
             and np.array_equal(self.errors.spread, errors.spread)
         )
@@ -267,6 +295,7 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
 
     length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
     scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
+    scales["density"] = scales["force"] / length
     size = len(numbered.labels)
     mean, scale, forces = (np.zeros(size) for _ in range(3))
     lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
@@ -281,7 +310,8 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
         for part in numbered.where(field):
             scale[part] = value
             forces[part] = value if field == "force" else 0.0
-    found = Sought(np.eye(size), scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
+    mixing = np.asarray(block_diag(*(each.mixing for each in numbered.unknown)))
+    found = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
     return found, forces
 
 

@@ -9,10 +9,12 @@ import attrs
 import numpy as np
 
 from ..equilibrium import Equilibrium
+from ..errors import DefinitionError
 from ..forward import ForwardProblem
 from ..robot.checks import Array
 from ..robot.loads import Load
 from .contact_profile import LEVEL, Profile
+from .distributed_force import DistributedForce
 from .force_case import Case
 from .load_solver import Normal, State
 from .places import free
@@ -64,9 +66,28 @@ class ForceEstimate:
 
     @property
     def force(self) -> Array:
-        """The force ``(3,)``, N, world frame; of several unknown loads ``(k, 3)``."""
-        found = [self.state.x[part] for part in self.case.numbered.where("force")]
+        """The force ``(3,)``, N, world frame, of a distributed one the total; of several unknown loads ``(k, 3)``."""
+        found = [rows @ self.state.x for rows in self.case.numbered.resultants]
         return np.array(found) if len(found) > 1 else found[0]
+
+    def density(self, s: Any) -> tuple[Array, Array]:
+        """The distributed force ``(..., 3)`` at arc lengths ``s``, N/m, and its standard deviations.
+
+        Zero where it does not act. Of the first one, if several are sought.
+
+        Raises
+        ------
+        DefinitionError
+            None is sought.
+        """
+        for part, unknown in zip(self.case.numbered.parts, self.case.numbered.unknown, strict=True):
+            if isinstance(unknown, DistributedForce):
+                basis = np.nan_to_num(unknown.spline(np.asarray(s, dtype=np.float64)))
+                count = unknown.coefficients
+                covariance = self.covariance[part, part].reshape(count, 3, count, 3)
+                variances = np.einsum("...i,iaja,...j->...a", basis, covariance, basis)
+                return basis @ self.state.x[part].reshape(count, 3), np.sqrt(variances)
+        raise DefinitionError("density: no DistributedForce is among the unknown loads")
 
     @property
     def moment(self) -> Array | None:
@@ -165,15 +186,15 @@ class ForceEstimate:
     @property
     def force_covariance(self) -> Array:
         """Covariance of :attr:`force`, N^2: ``(3, 3)``, of several ``(k, 3, 3)``."""
-        found = [self.covariance[part, part] for part in self.case.numbered.where("force")]
+        found = [rows @ self.covariance @ rows.T for rows in self.case.numbered.resultants]
         return np.array(found) if len(found) > 1 else found[0]
 
     @cached_property
     def axes(self) -> Any:
         """Principal :class:`Axis` of the force's error, the best known first; of several forces a list for each."""
         found = []
-        for part in self.case.numbered.where("force"):
-            values, vectors = np.linalg.eigh(self.covariance[part, part])
+        for rows in self.case.numbered.resultants:
+            values, vectors = np.linalg.eigh(rows @ self.covariance @ rows.T)
             found.append([Axis(vectors[:, i], float(np.sqrt(values[i]))) for i in range(3)])
         return found if len(found) > 1 else found[0]
 

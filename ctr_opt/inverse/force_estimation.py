@@ -17,6 +17,7 @@ from ..robot.loads import Load
 from ..robot.robot import Robot
 from .contact_profile import Profile
 from .contact_search import contacts
+from .distributed_force import DistributedForce
 from .experiment import Experiment
 from .fit import Fit
 from .force_case import Case, Errors
@@ -25,9 +26,10 @@ from .load_solver import State
 from .losses import LOSSES
 from .measurements import Measurement
 from .places import nearest
+from .smoothness import smoothest
 from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 
-UNKNOWN_LOADS = (TipForce, TipWrench, PointForce)
+UNKNOWN_LOADS = (TipForce, TipWrench, PointForce, DistributedForce)
 _SAME = 1e-4  # of the loads' scales: solutions closer to each other are one
 _SEED = 0
 
@@ -135,8 +137,11 @@ class ForceEstimationProblem:
         """
         experiment = _experiment(self.robot, actuation, measurements, loads)
         case = self._case(experiment, fit)
-        found = [] if initial is None else [case.search.solve(*self._near(case, initial))]
-        states = [state for state in found if state is not None] or self._from_nothing(case)
+        if case.roughness is not None:
+            case, states = self._smoothest(case, initial)
+        else:
+            found = [] if initial is None else [case.search.solve(*self._near(case, initial))]
+            states = [state for state in found if state is not None] or self._from_nothing(case)
         if not states:
             raise EstimationError(
                 "no loads were found: from no start could the equations of the robot and the measurements be met "
@@ -161,19 +166,32 @@ class ForceEstimationProblem:
     def _places(self, case: Case, shape: Equilibrium) -> Array:
         return nearest(case.experiment, shape, case.whitener, case.loss_of_points)
 
-    def _from_nothing(self, case: Case) -> list[State]:
-        """From the robot without the unknown loads, and where contacts are sought, from places that look likely."""
+    def _smoothest(self, case: Case, initial: ForceEstimate | None) -> tuple[Case, list[State]]:
+        """The case with the smoothness of a distributed force, and its solution, none or one."""
+        start = None
+        if initial is not None:
+            start = case.search.at(*self._near(case, initial), np.zeros(case.search.errors))
+        found, state = smoothest(case, start or self._resting(case))
+        return found, [] if state is None else [state]
+
+    def _resting(self, case: Case) -> State:
         try:
-            resting = case.resting(self._forward)
+            return case.resting(self._forward)
         except SolveError as error:
             raise EstimationError(f"without the unknown loads the robot has no equilibrium: {error}") from error
+
+    def _from_nothing(self, case: Case) -> list[State]:
+        """From the robot without the unknown loads, and where contacts are sought, from places that look likely."""
+        resting = self._resting(case)
         starts = contacts(case, resting.z, resting.places) if case.contacts else [case.start]
         rng = np.random.default_rng(_SEED)
         starts += [case.start + case.forces * rng.normal(size=len(case.start)) for _ in range(self.starts - 1)]
         found = _different(case, [case.search.solve(resting.z, x, resting.places) for x in starts])
         if case.contacts and not (found and case.likely(found[0])):
-            walked = [Profile.of(case, part, found, resting).least() for part in case.contacts]
-            found = _different(case, [*found, *(case.search.solve(each.z, each.x, each.places) for each in walked)])
+            profiles = [Profile.of(case, part, found, resting) for part in case.contacts]
+            walked = [profile.least() for profile in profiles if profile.states]
+            freed = [case.search.solve(each.z, each.x, each.places) or each for each in walked]
+            found = _different(case, [*found, *freed])
         return found
 
 
@@ -207,9 +225,20 @@ def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
         if not isinstance(each, UNKNOWN_LOADS):
             names = ", ".join(kind.__name__ for kind in UNKNOWN_LOADS)
             raise DefinitionError(f"unknown[{k}] = {each!r} must be one of {names}")
-        if isinstance(each, PointForce):
+        if isinstance(each, (PointForce, DistributedForce)):
             index(each.tube, f"unknown[{k}].tube", tubes)
-    return tuple(each if each.prior is not None else attrs.evolve(each, prior=prior) for each in every)
+    rough = [k for k, each in enumerate(every) if isinstance(each, DistributedForce) and each.smoothness is None]
+    if rough and (len(rough) > 1 or any(isinstance(each, PointForce) and each.arc_length is None for each in every)):
+        raise DefinitionError(
+            f"unknown[{rough[-1]}].smoothness = None: beside contacts at unknown places and other distributed forces the "
+            "weight must be given"
+        )
+    return tuple(each if _own(each) else attrs.evolve(each, prior=prior) for each in every)
+
+
+def _own(unknown: UnknownLoad) -> bool:
+    """Whether it has a prior of its own."""
+    return isinstance(unknown, DistributedForce) or unknown.prior is not None
 
 
 def _experiment(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:

@@ -23,9 +23,11 @@ _MOST_STEPS = 60
 _ARRIVED = 1e-5  # standard deviations of the loads: a step so short is the last
 _BALANCED = 1e-9  # of the moments' size: what the equilibrium may be off
 _NEAR = 0.3  # of the moments' size: farther off, the equilibrium is not told by its linearization
-_ROUGH = 1e-3  # of the moments' size: farther off, the loss of the linearization may be too small to be met again
+_ROUGH = 1e-6  # of the moments' size: farther off, the loss of the linearization may be too small to be met again
 _BLIND = 1e3  # scaled standard deviation from which a direction is not moved along, as nothing is known of it
 _STALLED, _NOTHING = 8, 1e-7  # steps in which the loss falls by less, relative, where it is flat: the last
+_LITTLE = 1e-2  # of losses, half squared standard deviations: what it may still fall by where steps run out
+_BEYOND = 1e100  # of misfits and slopes: their squares are no numbers
 _CORRECTIONS = 3  # of forces for new places of contacts, where a step of both goes too far
 _CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where there is no way on
 
@@ -134,7 +136,7 @@ class Search:
             return None
         every = np.column_stack((np.zeros(len(misfit)), rates[:, n : n + count] @ sought.mixing))
         every = np.hstack((every, rates[:, n + count :] @ sought.spread)) + rates[:, :n] @ follow
-        if not np.isfinite(every).all():
+        if not np.abs(every).max(initial=0.0) < _BEYOND:  # nor where it is no number
             return None
         slopes = every[:, 1:]
         misfit = np.asarray(misfit + every[:, 0] + slopes[:, len(x) :] @ e, dtype=np.float64)
@@ -162,7 +164,7 @@ class Search:
             state, damping, decrement = self._stepped(state, damping)
             if state is not None and decrement < self.arrived**2 and state.off < _BALANCED:
                 return attrs.evolve(state, decrement=decrement)
-        return None
+        return self._at_rest(state) if state is not None and np.ptp(costs[-_STALLED:]) < _LITTLE else None
 
     def _at_rest(self, state: State) -> State | None:
         """The same loads with the robot in equilibrium."""

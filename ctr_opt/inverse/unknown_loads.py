@@ -6,7 +6,7 @@ An unknown load says which loads stand for it, which of their numbers are unknow
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import attrs
 import numpy as np
@@ -78,20 +78,59 @@ class UnknownLoad(Protocol):
         """The numbers that are unknown, in their order."""
 
     @property
+    def taken(self) -> Sequence[tuple[int, str]]:
+        """Which fields of which of its loads the model takes, in their order."""
+
+    @property
+    def mixing(self) -> Array:
+        """The numbers that the model takes, by those that are sought."""
+
+    @property
+    def resultant(self) -> Array:
+        """The total force ``(3, numbers)``, by those that are sought."""
+
+    @property
     def known_before(self) -> Gaussian | None:
         """What is known of them before anything was measured."""
+
+    def placed(self, ends: Array) -> UnknownLoad:
+        """The same on a robot whose tubes end there."""
 
     @property
     def place(self) -> float | None:
         """Where the load acts: an arc length, m, or None, the tip (or nobody knows)."""
 
 
-def _vector(name: str) -> tuple[str, ...]:
+class _AsItStands:
+    """What unknown loads share whose numbers the model takes as they are sought."""
+
+    @property
+    def taken(self) -> list[tuple[int, str]]:
+        """Which fields of which of its loads the model takes."""
+        return [(number.load, number.field) for number in self.sought]  # type: ignore[attr-defined]
+
+    @property
+    def mixing(self) -> Array:
+        """Those numbers by those that are sought: the same."""
+        return np.eye(sum(number.size for number in self.sought))  # type: ignore[attr-defined]
+
+    @property
+    def resultant(self) -> Array:
+        """The force, which comes first."""
+        return np.eye(3, len(self.mixing))
+
+    def placed(self, ends: Array) -> Self:  # noqa: ARG002
+        """The same, wherever tubes end."""
+        return self
+
+
+def vector(name: str) -> tuple[str, ...]:
+    """Labels of its components."""
     return tuple(f"{name}.{axis}" for axis in "xyz")
 
 
 @attrs.frozen
-class TipForce:
+class TipForce(_AsItStands):
     """A force at the tip, world frame.
 
     Parameters
@@ -118,7 +157,7 @@ class TipForce:
     @property
     def sought(self) -> tuple[Sought, ...]:
         """The force."""
-        return (Sought(0, "force", 3, _vector("force")),)
+        return (Sought(0, "force", 3, vector("force")),)
 
     @property
     def known_before(self) -> Gaussian | None:
@@ -132,7 +171,7 @@ class TipForce:
 
 
 @attrs.frozen
-class TipWrench:
+class TipWrench(_AsItStands):
     """A force and a moment at the tip, world frame; the moment acts on the innermost tube.
 
     Parameters
@@ -158,7 +197,7 @@ class TipWrench:
     @property
     def sought(self) -> tuple[Sought, ...]:
         """Force and moment."""
-        return Sought(0, "force", 3, _vector("force")), Sought(0, "moment", 3, _vector("moment"))
+        return Sought(0, "force", 3, vector("force")), Sought(0, "moment", 3, vector("moment"))
 
     @property
     def known_before(self) -> Gaussian | None:
@@ -172,7 +211,7 @@ class TipWrench:
 
 
 @attrs.frozen
-class PointForce:
+class PointForce(_AsItStands):
     """A force at a place along a tube, world frame: a contact.
 
     Parameters
@@ -204,7 +243,7 @@ class PointForce:
     @property
     def sought(self) -> tuple[Sought, ...]:
         """The force and, unless it is known, the place."""
-        force = Sought(0, "force", 3, _vector("force"))
+        force = Sought(0, "force", 3, vector("force"))
         return (force,) if self.arc_length is not None else (force, Sought(0, "arc_length", 1, ("arc_length",)))
 
     @property
