@@ -1,4 +1,4 @@
-"""Where a contact can be: the least loss with it held at a place, for all places along its tube (profile likelihood)."""
+"""Where a contact can be: the least loss with it held at places along its tube, one by one (profile likelihood)."""
 
 from __future__ import annotations
 
@@ -82,7 +82,8 @@ class Profile:
         def here(s: float) -> float:
             return beyond(known[s] if s in known else _held(self.case, at, s, inside))
 
-        return float(brentq(here, *known, xtol=_EDGE * self.case.search.length))
+        a, b = known
+        return float(brentq(here, a, b, xtol=_EDGE * self.case.search.length))
 
 
 def _place(state: State, at: int) -> float:

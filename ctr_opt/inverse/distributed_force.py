@@ -12,7 +12,7 @@ from ..errors import DefinitionError
 from ..robot import places
 from ..robot.checks import Array, number
 from ..robot.loads import DistributedLoad, Load
-from .unknown_loads import Gaussian, Sought, vector
+from .unknown_loads import Gaussian, Sought, vector, whole
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -22,18 +22,11 @@ _DEGREES = 2, 5
 
 
 def _coefficients(value: Any) -> int:
-    return _whole(value, "coefficients", _DEGREES[0] + 1)
+    return whole(value, "coefficients", _DEGREES[0] + 1)
 
 
 def _degree(value: Any) -> int:
-    return _whole(value, "degree", *_DEGREES)
-
-
-def _whole(value: Any, field: str, least: int, most: int | None = None) -> int:
-    found = number(value, field, least=least, most=most)
-    if found != int(found):
-        raise DefinitionError(f"{field} = {value!r} must be a whole number")
-    return int(found)
+    return whole(value, "degree", *_DEGREES)
 
 
 def _smoothness(value: Any) -> float | None:
@@ -58,8 +51,8 @@ class DistributedForce:
     degree
         Of its polynomials, 2 to 5: 3 is a cubic spline.
     smoothness
-        The weight ``w``, m^5/N^2. None: of greatest marginal likelihood (evidence) of the measurements in the linearized
-        problem, chosen anew with the steps of Gauss and Newton until both agree.
+        The weight ``w``, m^5/N^2. None: that of greatest marginal likelihood (evidence) in the linearized problem,
+        chosen anew with the steps of Gauss and Newton until both agree.
     prior
         Mean and standard deviation of every coefficient, N/m, known before, as for :class:`TipForce`; the spline stays
         between its least and largest coefficient. Default: nothing is known but that it is smooth. Forces along the
@@ -139,12 +132,13 @@ class DistributedForce:
     def mixing(self) -> Array:
         """Means of the spline over the pieces, by its coefficients."""
         integrals = np.diff(self.spline.antiderivative()(self._edges), axis=0)
-        return np.kron(integrals / np.diff(self._edges)[:, None], np.eye(3))
+        return np.asarray(np.kron(integrals / np.diff(self._edges)[:, None], np.eye(3)), dtype=np.float64)
 
     @cached_property
     def resultant(self) -> Array:
         """The total force ``(3, 3 coefficients)``."""
-        return np.kron(np.diff(self.spline.antiderivative()([self.start, self._end]), axis=0), np.eye(3))
+        whole_spline = np.diff(self.spline.antiderivative()([self.start, self._end]), axis=0)
+        return np.asarray(np.kron(whole_spline, np.eye(3)), dtype=np.float64)
 
     @cached_property
     def roughness(self) -> Array:
@@ -154,7 +148,7 @@ class DistributedForce:
         half = 0.5 * np.diff(knots)[:, None]
         s, weights = (knots[:-1, None] + half * (1.0 + nodes)).ravel(), (half * weights).ravel()
         second = self.spline.derivative(2)(s)
-        return np.kron(second.T @ (weights[:, None] * second), np.eye(3))
+        return np.asarray(np.kron(second.T @ (weights[:, None] * second), np.eye(3)), dtype=np.float64)
 
     @property
     def known_before(self) -> Gaussian:
@@ -162,7 +156,7 @@ class DistributedForce:
         own = Gaussian.of(self.prior, "prior", 3)
         mean, information = (np.zeros(3), np.zeros((3, 3))) if own is None else (own.mean, own.information)
         count = self.coefficients
-        information = np.kron(np.eye(count), information)
+        information = np.asarray(np.kron(np.eye(count), information), dtype=np.float64)
         if self.smoothness is not None:
             information += self.smoothness * self.roughness
         return Gaussian(np.tile(mean, count), information)

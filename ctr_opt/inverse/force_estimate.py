@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from ..errors import DefinitionError
 from ..forward import ForwardProblem
 from ..robot.checks import Array
 from ..robot.loads import Load
+from .contact_number import Evidence
 from .contact_profile import LEVEL, Profile
 from .distributed_force import DistributedForce
 from .force_case import Case
@@ -43,11 +45,18 @@ class ForceEstimate:
     ----------
     labels
         A name for each number: the rows and columns of :attr:`covariance`.
+    states
+        Solutions, that of least loss first.
+    evidence
+        Where the number of :class:`~ctr_opt.Contacts` was sought: loss and criterion by number.
     """
 
-    def __init__(self, forward: ForwardProblem, case: Case, states: list[State]) -> None:
+    def __init__(
+        self, forward: ForwardProblem, case: Case, states: list[State], evidence: Sequence[Evidence] = ()
+    ) -> None:
         self._forward = forward
-        self._states = states
+        self.states = states
+        self.evidence = list(evidence)
         self.case = case
         self.labels = case.numbered.labels
         self.state = states[0]
@@ -126,7 +135,7 @@ class ForceEstimate:
     def _profiles(self) -> list[Profile]:
         """Of the loss, by each unknown place."""
         resting = self.case.resting(self._forward)
-        return [Profile.of(self.case, part, self._states, resting) for part in self.case.contacts]
+        return [Profile.of(self.case, part, self.states, resting) for part in self.case.contacts]
 
     @cached_property
     def loads(self) -> list[Load]:
@@ -148,7 +157,7 @@ class ForceEstimate:
     @cached_property
     def alternatives(self) -> list[ForceEstimate]:
         """Other solutions that are not much less likely, the likeliest first."""
-        others = [state for state in self._states[1:] if state.cost - self.state.cost < _LIKELY]
+        others = [state for state in self.states[1:] if state.cost - self.state.cost < _LIKELY]
         return [ForceEstimate(self._forward, self.case, [state]) for state in others]
 
     # -- errors ----------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from ..robot.actuation import Actuation
 from ..robot.checks import Array, array, choice, flag, index, number
 from ..robot.loads import Load
 from ..robot.robot import Robot
+from .contact_number import Contacts, Evidence
 from .contact_profile import Profile
 from .contact_search import contacts
 from .distributed_force import DistributedForce
@@ -29,7 +30,7 @@ from .places import nearest
 from .smoothness import smoothest
 from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 
-UNKNOWN_LOADS = (TipForce, TipWrench, PointForce, DistributedForce)
+UNKNOWN_LOADS = (TipForce, TipWrench, PointForce, DistributedForce, Contacts)
 _SAME = 1e-4  # of the loads' scales: solutions closer to each other are one
 _SEED = 0
 
@@ -42,7 +43,8 @@ class ForceEstimationProblem:
     robot
         The robot, calibrated.
     unknown
-        What is sought: :class:`TipForce`, :class:`TipWrench`, :class:`PointForce`, one or several.
+        What is sought: :class:`TipForce`, :class:`TipWrench`, :class:`PointForce`, :class:`DistributedForce`, one or
+        several, and :class:`Contacts` whose number is unknown.
     prior
         Mean and standard deviation of the forces, N, known before, of those unknown loads that have none of their own.
     loss
@@ -79,7 +81,7 @@ class ForceEstimationProblem:
     def __init__(
         self,
         robot: Robot,
-        unknown: UnknownLoad | Sequence[UnknownLoad],
+        unknown: UnknownLoad | Contacts | Sequence[UnknownLoad | Contacts],
         *,
         prior: Any = None,
         loss: str = "squared",
@@ -103,7 +105,8 @@ class ForceEstimationProblem:
         }
         self._forward = ForwardProblem(robot, tolerance=self.tolerance, compiled=self._compiled)
         self.starts = index(starts - 1, "starts - 1") + 1
-        self._kept: Case | None = None
+        self._options = _options(self.unknown)
+        self._kept: dict[int, Case] = {}
 
     # -- solving ---------------------------------------------------------------------------------------------------
 
@@ -136,25 +139,44 @@ class ForceEstimationProblem:
             No loads were found: what was tried, how far it got and what to do.
         """
         experiment = _experiment(self.robot, actuation, measurements, loads)
-        case = self._case(experiment, fit)
-        if case.roughness is not None:
-            case, states = self._smoothest(case, initial)
-        else:
-            found = [] if initial is None else [case.search.solve(*self._near(case, initial))]
-            states = [state for state in found if state is not None] or self._from_nothing(case)
-        if not states:
+        errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
+        found = [self._estimate(experiment, errors, unknown, initial) for unknown in self._options]
+        estimates = [each for each in found if each is not None]
+        if not estimates:
             raise EstimationError(
                 "no loads were found: from no start could the equations of the robot and the measurements be met "
                 "together. Check actuation, frame and units of the measurements; a prior of the force, or an initial "
                 "estimate, helps where loads are large"
             )
-        return ForceEstimate(self._forward, case, states)
+        return estimates[0] if len(self._options) == 1 else self._likeliest(estimates)
 
-    def _case(self, experiment: Experiment, fit: Fit | None) -> Case:
-        errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
-        case = Case.of(self.robot, experiment, self.unknown, errors, self.loss, self._compiled, self._kept)
-        self._kept = case
-        return case
+    def _estimate(
+        self, experiment: Experiment, errors: Errors, unknown: tuple[UnknownLoad, ...], initial: ForceEstimate | None
+    ) -> ForceEstimate | None:
+        """With these unknown loads; None where none are found."""
+        kept = self._kept.get(len(unknown))
+        case = Case.of(self.robot, experiment, unknown, errors, self.loss, self._compiled, kept)
+        self._kept[len(unknown)] = case
+        if initial is not None and len(self._options) > 1 and len(initial.case.numbered.unknown) != len(unknown):
+            initial = None
+        if case.roughness is not None:
+            case, states = self._smoothest(case, initial)
+        else:
+            near = [] if initial is None else [case.search.solve(*self._near(case, initial))]
+            states = [state for state in near if state is not None] or self._from_nothing(case)
+        return ForceEstimate(self._forward, case, states) if states else None
+
+    def _likeliest(self, estimates: list[ForceEstimate]) -> ForceEstimate:
+        """The one with the number of contacts for which there is most evidence."""
+        case = estimates[0].case
+        others, measured = len(self.unknown) - 1, len(estimates[0].state.misfit)
+        table = []
+        for each in estimates:
+            contacts = len(each.case.numbered.unknown) - others
+            table.append(Evidence.of(contacts, each.state.cost, len(each.labels), measured))
+        best = estimates[int(np.argmin([row.criterion for row in table]))]
+        none = Evidence.of(0, self._resting(case).cost, 0, measured)
+        return ForceEstimate(self._forward, best.case, best.states, [none, *table])
 
     def _near(self, case: Case, initial: ForceEstimate) -> tuple[Array, Array, Array]:
         if not isinstance(initial, ForceEstimate) or initial.labels != case.numbered.labels:
@@ -217,7 +239,7 @@ def _deviations(value: Any, field: str, tubes: int) -> Array | None:
     return np.array(given)
 
 
-def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
+def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad | Contacts, ...]:
     every = (given,) if isinstance(given, UNKNOWN_LOADS) else tuple(given or ())
     if not every:
         raise DefinitionError("unknown = [] must name at least one load")
@@ -225,20 +247,36 @@ def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
         if not isinstance(each, UNKNOWN_LOADS):
             names = ", ".join(kind.__name__ for kind in UNKNOWN_LOADS)
             raise DefinitionError(f"unknown[{k}] = {each!r} must be one of {names}")
-        if isinstance(each, (PointForce, DistributedForce)):
+        if not isinstance(each, (TipForce, TipWrench)):
             index(each.tube, f"unknown[{k}].tube", tubes)
-    rough = [k for k, each in enumerate(every) if isinstance(each, DistributedForce) and each.smoothness is None]
-    if rough and (len(rough) > 1 or any(isinstance(each, PointForce) and each.arc_length is None for each in every)):
+    if sum(isinstance(each, Contacts) for each in every) > 1:
+        raise DefinitionError("unknown: Contacts can stand there once; more forces at unknown places are PointForce()")
+    rough = [isinstance(each, DistributedForce) and each.smoothness is None for each in every]
+    if any(rough) and (sum(rough) > 1 or any(map(_somewhere, every))):
         raise DefinitionError(
-            f"unknown[{rough[-1]}].smoothness = None: beside contacts at unknown places and other distributed forces the "
-            "weight must be given"
+            f"unknown[{rough.index(True)}].smoothness = None must be given beside contacts at unknown places and other "
+            "distributed forces"
         )
-    return tuple(each if _own(each) else attrs.evolve(each, prior=prior) for each in every)
+    return tuple(_with(each, prior) for each in every)
 
 
-def _own(unknown: UnknownLoad) -> bool:
-    """Whether it has a prior of its own."""
-    return isinstance(unknown, DistributedForce) or unknown.prior is not None
+def _somewhere(unknown: UnknownLoad | Contacts) -> bool:
+    """Whether its place is sought."""
+    return isinstance(unknown, Contacts) or (isinstance(unknown, PointForce) and unknown.arc_length is None)
+
+
+def _with(unknown: Any, prior: Any) -> Any:
+    """A load with the prior of forces, unless it has its own."""
+    if isinstance(unknown, DistributedForce) or unknown.prior is not None:
+        return unknown
+    return attrs.evolve(unknown, prior=prior)
+
+
+def _options(unknown: tuple[UnknownLoad | Contacts, ...]) -> list[tuple[UnknownLoad, ...]]:
+    """Unknown loads with every number of contacts, last, from one on; as they are, where there are no contacts."""
+    others = tuple(each for each in unknown if not isinstance(each, Contacts))
+    counted = [each for each in unknown if isinstance(each, Contacts)]
+    return [(*others, *each.forces(k + 1)) for each in counted for k in range(each.most)] or [others]
 
 
 def _experiment(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:

@@ -24,7 +24,7 @@ _NONE = 1e-13  # of eigenvalues: what counts as zero
 def smoothed(case: Case, weight: float) -> Case:
     """The case with a weight, from one without."""
     sought = case.search.sought
-    information = sought.prior_information + weight * case.roughness
+    information = sought.prior_information + weight * np.asarray(case.roughness)
     search = attrs.evolve(case.search, sought=attrs.evolve(sought, prior_information=information))
     return attrs.evolve(case, search=search)
 

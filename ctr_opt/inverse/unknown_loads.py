@@ -26,6 +26,14 @@ def _arc_length(value: Any) -> float | None:
     return None if value is None else number(value, "arc_length", least=0.0, unit="m")
 
 
+def whole(value: Any, field: str, least: int, most: int | None = None) -> int:
+    """A whole number in a range."""
+    found = number(value, field, least=least, most=most)
+    if found != int(found):
+        raise DefinitionError(f"{field} = {value!r} must be a whole number")
+    return int(found)
+
+
 @attrs.frozen(eq=False)
 class Gaussian:
     """A normal distribution: mean ``(n,)`` and inverse covariance ``(n, n)``, zero where nothing is known."""
