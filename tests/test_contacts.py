@@ -8,7 +8,7 @@ import ctr_opt as ctr
 from benchmarks.contact_location import robots, trials
 
 SIGMA = 1e-4  # m
-TRIALS = 5  # of every robot
+TRIALS = 4  # of every robot
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +105,85 @@ def test_the_number_of_contacts_is_found(given, contacts):
     assert [row.contacts for row in estimate.evidence] == [0, 1, 2]
     for row in estimate.evidence:
         assert row.criterion == pytest.approx(2.0 * row.loss + 4 * row.contacts * np.log(72))
+
+
+FRICTION = 0.5
+
+
+@pytest.fixture(scope="module")
+def touched(given):
+    """Robot A against a surface: its normal, a direction across, a unit of force; and what is estimated of a push."""
+    robot, actuation, free = given["A"]
+    s = 0.7 * free.length
+    normal, across = free.pose(s)[:3, 0], free.pose(s)[:3, 1]
+    unit = robot.tubes[0].bending_stiffness / s**2
+
+    def estimate(push, slide, **surface):
+        load = ctr.PointWrench(unit * (push * normal + slide * across), arc_length=s)
+        shape = ctr.ForwardProblem(robot, tolerance=1e-9, compiled=True).solve(actuation, [load], initial=free)
+        problem = ctr.ForceEstimationProblem(robot, ctr.PointForce(s, **surface), compiled=True)
+        return problem.solve(actuation, seen(shape, noise=1.0))
+
+    return normal, across, unit, estimate
+
+
+def test_a_surface_without_friction_pushes_along_its_normal(touched):
+    """As strongly as it did, within four standard errors, and along nothing else: errors are along it, too."""
+    normal, _, unit, estimate = touched
+    found = estimate(1.0, 0.0, normal=3.0 * normal)
+    assert found.labels == ("normal_force",)
+    assert abs(found.estimates[0] - unit) < 4.0 * found.deviations[0]
+    np.testing.assert_allclose(found.force, found.estimates[0] * normal, rtol=1e-12)
+    expected = found.covariance[0, 0] * np.outer(normal, normal)
+    np.testing.assert_allclose(found.force_covariance, expected, rtol=1e-9, atol=1e-20)
+
+
+@pytest.mark.parametrize("friction", [None, FRICTION])
+def test_a_surface_does_not_pull(touched, friction):
+    """Nothing is left of a pull, exactly; what remains is told as inconsistent."""
+    normal, _, _, estimate = touched
+    found = estimate(-1.0, 0.0, normal=normal, friction=friction)
+    assert not found.force.any()
+    assert not found.force_covariance.any()
+    assert found.consistent is False
+
+
+def test_inside_the_cone_friction_changes_nothing(touched):
+    normal, _, _, estimate = touched
+    found, free = estimate(1.0, 0.1, normal=normal, friction=2.0), estimate(1.0, 0.1)
+    np.testing.assert_array_equal(found.force, free.force)
+    np.testing.assert_array_equal(found.covariance, free.covariance)
+
+
+def test_outside_the_answer_is_the_best_on_the_surface(touched):
+    """On it to rounding; worse beside it in any direction of the cone, each solved as a normal alone."""
+    normal, across, _, estimate = touched
+    found = estimate(1.0, 0.9, normal=normal, friction=FRICTION)
+    push = normal @ found.force
+    assert np.linalg.norm(found.force - push * normal) == pytest.approx(FRICTION * push, rel=1e-9)
+    other = np.cross(normal, across)
+    angle = np.arctan2(other @ found.force, across @ found.force)
+    for step in (-0.5, -0.05, 0.05, 0.5, np.pi):
+        slide = np.cos(angle + step) * across + np.sin(angle + step) * other
+        beside = estimate(1.0, 0.9, normal=normal + FRICTION * slide)
+        assert beside.state.cost > found.state.cost
+    assert np.linalg.matrix_rank(found.force_covariance, tol=1e-9 * found.force_covariance.max()) == 2
+    outward = np.cross(found.force, np.cross(found.force, normal))  # across the surface
+    assert outward @ found.force_covariance @ outward < 1e-9 * outward @ outward * found.force_covariance.max()
+
+
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        ({"normal": [0.0, 0.0, 0.0]}, "no direction"),
+        ({"arc_length": 0.1, "friction": 0.5}, "needs a normal"),
+        ({"normal": [1.0, 0.0, 0.0], "friction": 0.5}, "the place"),
+        ({"arc_length": 0.1, "normal": [1.0, 0.0, 0.0], "friction": -0.5}, "friction = -0.5"),
+    ],
+)
+def test_impossible_surfaces_are_refused(field, message):
+    with pytest.raises(ctr.DefinitionError, match=message):
+        ctr.PointForce(**field)
 
 
 @pytest.mark.parametrize("field", [{"most": 0}, {"most": 1.5}, {"tube": -1}, {"prior": (0.0, -1.0)}])

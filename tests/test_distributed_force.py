@@ -80,7 +80,7 @@ def test_pieces_move_the_robot_far_less_than_noise(pushed):
 
 def test_the_density_is_found_within_its_errors(pushed, estimate):
     """In the mean of places and axes: splines' errors hang together, so no more than twice what is told."""
-    _, _, load, shape, _ = pushed
+    _, _, load, _, _ = pushed
     s, values = load.force.arc_length, load.force.values
     found, deviations = estimate.density(s)
     assert found.shape == deviations.shape == (81, 3)

@@ -30,7 +30,7 @@ def contacts(case: Case, z: Array, places: Array) -> list[Array]:
     losses: dict[Chosen, float] = {(): 0.0}
     for part in case.contacts:
         kept = sorted(losses, key=lambda chosen: losses[chosen])[:_PLACES]
-        losses = scan.losses([(*chosen, k) for chosen in kept for k in scan.beyond(chosen, case.tube_of(part))])
+        losses = scan.losses([(*chosen, k) for chosen in kept for k in scan.beyond(chosen, case.contact(part).tube)])
     least = [chosen for chosen in losses if all(losses[chosen] <= losses.get(other, np.inf) for other in _next(chosen))]
     return [scan.start(chosen) for chosen in sorted(least, key=lambda chosen: losses[chosen])[:_BEST]]
 
@@ -58,7 +58,7 @@ class _Scan:
     def of(cls, case: Case, z: Array, places: Array) -> _Scan:
         """About base moments without the unknown loads."""
         search = case.search
-        every = sorted({case.tube_of(part) for part in case.contacts})
+        every = sorted({case.contact(part).tube for part in case.contacts})
         tubes = np.repeat(np.array(every, dtype=np.intp), _PLACES)
         grid = np.concatenate([(np.arange(_PLACES) + 0.5) / _PLACES * case.ends[tube] for tube in every])
         start = case.start
@@ -102,18 +102,24 @@ class _Scan:
 
         Every set holds as many places, those of the first contacts in their order.
         """
+        from scipy.linalg import block_diag
+
         chosen = np.array(sets, dtype=np.intp)
         forces = (self.others + 3 * chosen[:, :, None] + np.arange(3)).reshape(len(sets), -1)
         rows = np.hstack((np.tile(np.arange(self.others), (len(sets), 1)), forces))
         matrices, pulls = self.matrix[rows[:, :, None], rows[:, None, :]], self.gradient[rows]
-        sought = self.case.search.sought
-        for i, part in enumerate(self.case.contacts[: chosen.shape[1]]):
-            own = slice(self.others + 3 * i, self.others + 3 * i + 3)
-            known = sought.prior_information[part, part][:3, :3]
+        parts = self.case.contacts[: chosen.shape[1]]
+        turn = np.asarray(block_diag(np.eye(self.others), *(self.case.contact(part).directions for part in parts)))
+        matrices, pulls = turn.T @ matrices @ turn, pulls @ turn
+        sought, start = self.case.search.sought, self.others
+        for part in parts:
+            forces_of = slice(part.start, part.stop - 1)
+            own = slice(start, start := start + forces_of.stop - forces_of.start)
+            known = sought.prior_information[forces_of, forces_of]
             matrices[:, own, own] += known
-            pulls[:, own] -= known @ sought.prior_mean[part][:3]
+            pulls[:, own] -= known @ sought.prior_mean[forces_of]
         scale = np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), 1e-300))
-        matrices = matrices / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(rows.shape[1])
+        matrices = matrices / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(turn.shape[1])
         pulls = pulls / scale
         won = -0.5 * np.einsum("ij,ij->i", pulls, np.linalg.solve(matrices, pulls[:, :, None])[:, :, 0])
         return dict(zip(sets, won.tolist(), strict=True))
@@ -122,5 +128,6 @@ class _Scan:
         """The numbers sought, with the contacts at their places."""
         found = self.case.start
         for part, k in zip(self.case.contacts, chosen, strict=True):
-            found[part.start : part.start + 3], found[part.stop - 1] = 0.0, self.grid[k]
+            found[part] = 0.0
+            found[part.stop - 1] = self.grid[k]
         return found

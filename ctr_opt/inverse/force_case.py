@@ -7,6 +7,7 @@ from typing import Any
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import DefinitionError, EstimationError
 from ..forward import ForwardProblem
@@ -268,10 +269,18 @@ class Case:
 
         return 2.0 * state.cost < float(chi2.isf(_UNLIKELY, len(state.misfit)))
 
-    def tube_of(self, part: slice) -> int:
-        """The tube on which the contact presses whose numbers stand there."""
-        unknown = self.numbered.unknown[self.numbered.parts.index(part)]
-        return unknown.tube if isinstance(unknown, PointForce) else 0
+    def untouched(self, state: State) -> NDArray[np.bool_]:
+        """Which numbers are normal forces that are zero: bounds that hold them."""
+        found = np.zeros(len(state.x), dtype=bool)
+        for part in self.numbered.where("normal_force"):
+            found[part] = state.x[part] <= 0.0
+        return found
+
+    def contact(self, part: slice) -> PointForce:
+        """The contact whose numbers stand there."""
+        found = self.numbered.unknown[self.numbered.parts.index(part)]
+        assert isinstance(found, PointForce)
+        return found
 
     def loads_at(self, x: Array) -> list[Load]:
         """Known loads and those sought, with these numbers."""
@@ -295,7 +304,7 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
 
     length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
     scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
-    scales["density"] = scales["force"] / length
+    scales["density"], scales["normal_force"] = scales["force"] / length, scales["force"]
     size = len(numbered.labels)
     mean, scale, forces = (np.zeros(size) for _ in range(3))
     lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
@@ -309,7 +318,9 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
     for field, value in scales.items():
         for part in numbered.where(field):
             scale[part] = value
-            forces[part] = value if field == "force" else 0.0
+            forces[part] = value if field.endswith("force") else 0.0
+    for part in numbered.where("normal_force"):
+        lower[part] = 0.0
     mixing = np.asarray(block_diag(*(each.mixing for each in numbered.unknown)))
     found = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
     return found, forces

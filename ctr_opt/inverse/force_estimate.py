@@ -173,9 +173,12 @@ class ForceEstimate:
         matrix = self._normal.matrix
         if len(matrix) > k:
             matrix = matrix[:k, :k] - matrix[:k, k:] @ np.linalg.solve(matrix[k:, k:], matrix[k:, :k])
-        scale = self.case.search.sought.scale
-        values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T) * np.outer(scale, scale))
-        return values, vectors, scale
+        scale, tangent = self.case.search.sought.scale, self.state.tangent
+        if tangent is None:
+            tangent = np.eye(k)[:, ~self.case.untouched(self.state)]
+        ways = np.linalg.qr(tangent / scale[:, None])[0]
+        values, vectors = np.linalg.eigh(ways.T @ (0.5 * (matrix + matrix.T) * np.outer(scale, scale)) @ ways)
+        return values, ways @ vectors, scale
 
     @cached_property
     def covariance(self) -> Array:

@@ -23,6 +23,7 @@ from .experiment import Experiment
 from .fit import Fit
 from .force_case import Case, Errors
 from .force_estimate import ForceEstimate
+from .friction import within_cone
 from .load_solver import State
 from .losses import LOSSES
 from .measurements import Measurement
@@ -164,6 +165,7 @@ class ForceEstimationProblem:
         else:
             near = [] if initial is None else [case.search.solve(*self._near(case, initial))]
             states = [state for state in near if state is not None] or self._from_nothing(case)
+            states = _different(case, [within_cone(case, state) for state in states])
         return ForceEstimate(self._forward, case, states) if states else None
 
     def _likeliest(self, estimates: list[ForceEstimate]) -> ForceEstimate:
@@ -251,6 +253,8 @@ def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad | Contacts
             index(each.tube, f"unknown[{k}].tube", tubes)
     if sum(isinstance(each, Contacts) for each in every) > 1:
         raise DefinitionError("unknown: Contacts can stand there once; more forces at unknown places are PointForce()")
+    if sum(isinstance(each, PointForce) and each.friction is not None for each in every) > 1:
+        raise DefinitionError("unknown: one contact at most can have friction")
     rough = [isinstance(each, DistributedForce) and each.smoothness is None for each in every]
     if any(rough) and (sum(rough) > 1 or any(map(_somewhere, every))):
         raise DefinitionError(

@@ -50,8 +50,8 @@ class Sought:
 
     @property
     def at_places(self) -> NDArray[np.bool_]:
-        """Which of ``x`` are places of contacts: they alone are bounded."""
-        return np.isfinite(self.lower)
+        """Which of ``x`` are places of contacts: they alone are bounded above."""
+        return np.isfinite(self.upper)
 
 
 @attrs.frozen(eq=False)
@@ -86,6 +86,7 @@ class State:
 
     ``misfit`` and its ``slopes`` by ``x`` and ``e`` with the robot kept in equilibrium, and ``along`` by places;
     ``follow (n, 1 + k)``: Newton's step of ``z``, and how it follows ``x``; the errors ``e`` are in the misfit alone.
+    ``tangent``: directions in which ``x`` may move, as columns, where not in all.
     """
 
     z: Array
@@ -100,6 +101,7 @@ class State:
     cost: float
     weights: Array
     decrement: float = np.inf
+    tangent: Array | None = None
 
     def better_than(self, other: State) -> bool:
         """Whether the loss is not greater, but for rounding."""
