@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from ..robot.checks import Array
 from ..robot.loads import PointWrench
 from .force_case import Case
-from .loaded_model import loaded_model
+from .loaded_model import LoadedModel, loaded_model
 
 _PLACES = 24  # along a tube
 _BEST = 3  # starts
+_STEPS = 1  # in each section, in the virtual machine: there are many with so many loads
 _RIDGE = 1e-6  # of the squared sensitivities: forces of which the measurements know less stay small
 
 Chosen: TypeAlias = tuple[int, ...]
@@ -57,39 +58,18 @@ class _Scan:
     @classmethod
     def of(cls, case: Case, z: Array, places: Array) -> _Scan:
         """About base moments without the unknown loads."""
-        search = case.search
         every = sorted({case.contact(part).tube for part in case.contacts})
         tubes = np.repeat(np.array(every, dtype=np.intp), _PLACES)
         grid = np.concatenate([(np.arange(_PLACES) + 0.5) / _PLACES * case.ends[tube] for tube in every])
-        start = case.start
-        held = case.loads_at(start)
-        pushes = [PointWrench([0.0] * 3, arc_length=s, tube=tube) for s, tube in zip(grid, tubes.tolist(), strict=True)]
-        names = [*case.numbered.names, *(f"loads[{len(held) + k}].force" for k in range(len(pushes)))]
-        model = loaded_model(
-            case.robot,
-            case.experiment.actuation,
-            [*held, *pushes],
-            names,
-            (),
-            case.experiment.requests,
-            case.compiled,
-            1,
-        )
-        numbers = np.append(search.sought.mixing @ start, np.zeros(3 * len(pushes)))
-        told = model.at(z, numbers, places * search.length)
-        n, count = model.unknowns, len(search.sought.mixing)
-        misfit, rates = (each[0] for each in search.seen.comparison.compare(told.predictions))
-        follow = -np.linalg.solve(told.slopes[:, :n], np.column_stack((told.residual, told.slopes[:, n:])))
-        misfit = misfit + rates[:, :n] @ follow[:, 0]
-        slopes = rates[:, n:] + rates[:, :n] @ follow[:, 1:]
-        others = np.ones(len(start), dtype=bool)
+        misfit, by_sought, by_forces = _linearized(case, _model(case, grid, tubes), z, places, 3 * len(grid))
+        others = np.ones(by_sought.shape[1], dtype=bool)
         for part in case.contacts:
             others[part] = False
-        slopes = np.hstack((slopes[:, :count] @ search.sought.mixing[:, others], slopes[:, count:]))
-        weighted = search.seen.weights(misfit)[1][:, None] * slopes
+        slopes = np.hstack((by_sought[:, others], by_forces))
+        weighted = case.search.seen.weights(misfit)[1][:, None] * slopes
         matrix, gradient = slopes.T @ weighted, weighted.T @ misfit
         k = int(others.sum())
-        matrix[:k, :k] += search.sought.prior_information[np.ix_(others, others)]
+        matrix[:k, :k] += case.search.sought.prior_information[np.ix_(others, others)]
         return cls(case, grid, tubes, k, matrix, gradient)
 
     def beyond(self, chosen: Chosen, tube: int) -> list[int]:
@@ -131,3 +111,32 @@ class _Scan:
             found[part] = 0.0
             found[part.stop - 1] = self.grid[k]
         return found
+
+
+def _model(case: Case, grid: Array, tubes: NDArray[np.intp]) -> LoadedModel:
+    """With a force, zero, at every place behind the loads that are there; kept for cases of equal places."""
+    key = grid.tobytes()
+    if key not in case.scans:
+        held = case.loads_at(case.start)
+        both = zip(grid.tolist(), tubes.tolist(), strict=True)
+        loads = [*held, *(PointWrench([0.0] * 3, arc_length=s, tube=tube) for s, tube in both)]
+        names = [*case.numbered.names, *(f"loads[{k}].force" for k in range(len(held), len(loads)))]
+        experiment = case.experiment
+        case.scans.clear()
+        case.scans[key] = loaded_model(
+            case.robot, experiment.actuation, loads, names, (), experiment.requests, case.compiled, _STEPS
+        )
+    case.scans[key].actuated(case.experiment.actuation)
+    return case.scans[key]
+
+
+def _linearized(case: Case, model: LoadedModel, z: Array, places: Array, count: int) -> tuple[Array, Array, Array]:
+    """Misfits and their slopes by the numbers sought and by those of the forces, the robot kept in equilibrium."""
+    search, n = case.search, model.unknowns
+    mixing = search.sought.mixing
+    told = model.at(z, np.append(mixing @ case.start, np.zeros(count)), places * search.length)
+    misfit, rates = (each[0] for each in search.seen.comparison.compare(told.predictions))
+    follow = -np.linalg.solve(told.slopes[:, :n], np.column_stack((told.residual, told.slopes[:, n:])))
+    slopes = rates[:, n:] + rates[:, :n] @ follow[:, 1:]
+    known = len(mixing)
+    return misfit + rates[:, :n] @ follow[:, 0], slopes[:, :known] @ mixing, slopes[:, known:]

@@ -23,7 +23,7 @@ from .distributed_force import DistributedForce
 from .experiment import Experiment
 from .fit import Fit
 from .load_solver import Search, Seen, Sought, State, blocks
-from .loaded_model import loaded_model
+from .loaded_model import LoadedModel, loaded_model
 from .losses import Loss
 from .measurements import Measurement, Somewhere, arc_length_of
 from .places import nearest, orders
@@ -166,7 +166,7 @@ class Case:
     """An experiment, the loads sought in it, and the search for them.
 
     ``forces``: the numbers' scales where they are forces, zero elsewhere; ``roughness``: of a distributed force whose
-    smoothness is to be found, as a quadratic form of all numbers.
+    smoothness is to be found, as a quadratic form of all numbers; ``scans``: kept models of the search for contacts.
     """
 
     robot: Robot
@@ -179,6 +179,7 @@ class Case:
     search: Search
     forces: Array
     roughness: Array | None
+    scans: dict[bytes, LoadedModel] = attrs.field(factory=dict)
 
     @classmethod
     def of(
