@@ -107,6 +107,19 @@ def test_the_number_of_contacts_is_found(given, contacts):
         assert row.criterion == pytest.approx(2.0 * row.loss + 4 * row.contacts * np.log(72))
 
 
+def test_beside_another_load_there_may_be_none(given):
+    """A force at the tip explains all, and every contact costs 4 log 72 for no more than chance explains."""
+    robot, actuation, free = given["A"]
+    load = ctr.PointWrench(0.5 * robot.tubes[0].bending_stiffness / free.length**2 * free.pose(free.length)[:3, 0])
+    shape = ctr.ForwardProblem(robot, tolerance=1e-9, compiled=True).solve(actuation, [load])
+    problem = ctr.ForceEstimationProblem(robot, [ctr.TipForce(), ctr.Contacts(most=1)], compiled=True)
+    estimate = problem.solve(actuation, seen(shape, noise=1.0))
+    assert [row.contacts for row in estimate.evidence] == [0, 1]
+    assert estimate.labels == ("force.x", "force.y", "force.z")
+    with pytest.raises(ctr.DefinitionError, match="density"):
+        estimate.density(0.0)
+
+
 FRICTION = 0.5
 
 

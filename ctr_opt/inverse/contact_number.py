@@ -21,8 +21,9 @@ class Contacts:
 
     Every number up to ``most`` is tried, and that of the least Bayesian information criterion taken: ``BIC = 2 loss +
     k log n`` for ``k`` estimated numbers, four for each contact, and ``n`` measured ones. The estimate is then that of
-    as many :class:`PointForce`, one at least, and its :attr:`~ctr_opt.ForceEstimate.evidence` the table of all numbers.
-    It begins with no contact: where that has the least criterion, nothing is seen to touch the robot.
+    as many :class:`PointForce`, and its :attr:`~ctr_opt.ForceEstimate.evidence` the table of all numbers from none on.
+    Alone, without other unknown loads, one contact is the least that is answered: where none has the least criterion,
+    nothing is seen to touch the robot.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ class Contacts:
 
 @attrs.frozen
 class Evidence:
-    """For a number of contacts: the least loss, and the Bayesian information criterion; infinite if none was found."""
+    """For a number of contacts: the least loss that was found, and the Bayesian information criterion."""
 
     contacts: int
     loss: float

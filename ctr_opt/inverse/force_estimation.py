@@ -75,8 +75,8 @@ class ForceEstimationProblem:
     >>> pushed = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.2, 0.1, 0.0])])
     >>> seen = ctr.PositionMeasurement([0.05, 0.1], pushed.position([0.05, 0.1]), sigma=1e-4)
     >>> estimate = ctr.ForceEstimationProblem(rod, [ctr.TipForce()]).solve(held, [seen])
-    >>> estimate.force.round(4).tolist()
-    [0.2, 0.1, 0.0]
+    >>> estimate.force[:2].round(4).tolist()
+    [0.2, 0.1]
     """
 
     def __init__(
@@ -158,27 +158,27 @@ class ForceEstimationProblem:
         kept = self._kept.get(len(unknown))
         case = Case.of(self.robot, experiment, unknown, errors, self.loss, self._compiled, kept)
         self._kept[len(unknown)] = case
-        if initial is not None and len(self._options) > 1 and len(initial.case.numbered.unknown) != len(unknown):
-            initial = None
+        if len(self._options) > 1 and isinstance(initial, ForceEstimate) and initial.labels != case.numbered.labels:
+            initial = None  # of another number of contacts
         if case.roughness is not None:
             case, states = self._smoothest(case, initial)
         else:
             near = [] if initial is None else [case.search.solve(*self._near(case, initial))]
             states = [state for state in near if state is not None] or self._from_nothing(case)
-            states = _different(case, [within_cone(case, state) for state in states])
+        states = _different(case, [within_cone(case, state) for state in states])
         return ForceEstimate(self._forward, case, states) if states else None
 
     def _likeliest(self, estimates: list[ForceEstimate]) -> ForceEstimate:
         """The one with the number of contacts for which there is most evidence."""
-        case = estimates[0].case
         others, measured = len(self.unknown) - 1, len(estimates[0].state.misfit)
-        table = []
-        for each in estimates:
-            contacts = len(each.case.numbered.unknown) - others
-            table.append(Evidence.of(contacts, each.state.cost, len(each.labels), measured))
+        table = [
+            Evidence.of(len(each.case.numbered.unknown) - others, each.state.cost, len(each.labels), measured)
+            for each in estimates
+        ]
         best = estimates[int(np.argmin([row.criterion for row in table]))]
-        none = Evidence.of(0, self._resting(case).cost, 0, measured)
-        return ForceEstimate(self._forward, best.case, best.states, [none, *table])
+        if not others:
+            table.insert(0, Evidence.of(0, self._resting(best.case).cost, 0, measured))
+        return ForceEstimate(self._forward, best.case, best.states, table)
 
     def _near(self, case: Case, initial: ForceEstimate) -> tuple[Array, Array, Array]:
         if not isinstance(initial, ForceEstimate) or initial.labels != case.numbered.labels:
@@ -277,10 +277,11 @@ def _with(unknown: Any, prior: Any) -> Any:
 
 
 def _options(unknown: tuple[UnknownLoad | Contacts, ...]) -> list[tuple[UnknownLoad, ...]]:
-    """Unknown loads with every number of contacts, last, from one on; as they are, where there are no contacts."""
+    """Unknown loads with every number of contacts, last; as they are, where there are no such contacts."""
     others = tuple(each for each in unknown if not isinstance(each, Contacts))
     counted = [each for each in unknown if isinstance(each, Contacts)]
-    return [(*others, *each.forces(k + 1)) for each in counted for k in range(each.most)] or [others]
+    least = 0 if others else 1
+    return [(*others, *each.forces(k)) for each in counted for k in range(least, each.most + 1)] or [others]
 
 
 def _experiment(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:
