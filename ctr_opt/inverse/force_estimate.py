@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 CONSISTENT = 0.05  # probability of residuals so large, below which they are not consistent with model and noise
 OPEN = 3.0  # characteristic forces: with a larger standard deviation a direction is undetermined
 _BLIND = 1e3  # scaled standard deviation of a direction of which nothing is known
+_MANY, _TERMS = 8, 4  # of so many numbers that a direction is made of the largest are told
 _LIKELY = 8.0  # excess loss up to which another solution is told: e^-8 is 1 in 3,000
 
 
@@ -228,7 +229,9 @@ class ForceEstimate:
     def _described(self, vector: Array, deviation: float) -> str:
         scale = self.case.search.sought.scale
         parts = [(vector[k], label) for k, label in enumerate(self.labels) if abs(vector[k]) > 0.05]
-        terms = " ".join(f"{'-' if part < 0.0 else '+'} {abs(part):.2g} {label}" for part, label in parts)
+        told = sorted(parts, key=lambda part: -abs(part[0]))[:_TERMS] if len(parts) > _MANY else parts
+        terms = " ".join(f"{'-' if part < 0.0 else '+'} {abs(part):.2g} {label}" for part, label in told)
+        terms += " and others" if len(told) < len(parts) else ""
         what = terms.removeprefix("+ ") if len(parts) > 1 else parts[0][1]
         forces = [k for k in range(len(vector)) if self.case.forces[k]]
         if len(self.case.numbered.where("force")) == 1 and np.linalg.norm(vector[forces]) > 0.99:
