@@ -229,9 +229,9 @@ class ForceEstimate:
     def _described(self, vector: Array, deviation: float) -> str:
         scale = self.case.search.sought.scale
         parts = [(vector[k], label) for k, label in enumerate(self.labels) if abs(vector[k]) > 0.05]
-        told = sorted(parts, key=lambda part: -abs(part[0]))[:_TERMS] if len(parts) > _MANY else parts
-        terms = " ".join(f"{'-' if part < 0.0 else '+'} {abs(part):.2g} {label}" for part, label in told)
-        terms += " and others" if len(told) < len(parts) else ""
+        largest = sorted(parts, key=lambda part: -abs(part[0]))[:_TERMS] if len(parts) > _MANY else parts
+        terms = " ".join(f"{'-' if part < 0.0 else '+'} {abs(part):.2g} {label}" for part, label in largest)
+        terms += " and others" if len(largest) < len(parts) else ""
         what = terms.removeprefix("+ ") if len(parts) > 1 else parts[0][1]
         forces = [k for k in range(len(vector)) if self.case.forces[k]]
         if len(self.case.numbered.where("force")) == 1 and np.linalg.norm(vector[forces]) > 0.99:
