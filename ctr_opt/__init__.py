@@ -25,6 +25,8 @@ from .files import save_robot as save_robot
 from .files import save_shape as save_shape
 from .forward import ForwardProblem as ForwardProblem
 from .inverse.calibration import CalibrationProblem as CalibrationProblem
+from .inverse.contact_number import Contacts as Contacts
+from .inverse.distributed_force import DistributedForce as DistributedForce
 from .inverse.experiment import Experiment as Experiment
 from .inverse.fit import Fit as Fit
 from .inverse.force_estimate import ForceEstimate as ForceEstimate

@@ -7,7 +7,9 @@ from typing import Any
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
+from ..equilibrium import Equilibrium
 from ..errors import DefinitionError, EstimationError
 from ..mechanics.sections import Configuration
 from ..robot.actuation import Actuation
@@ -18,16 +20,18 @@ from ..robot.replacing import loads_with
 from ..robot.robot import Robot
 from .comparison import Comparison
 from .compiled_model import euler_rates
+from .distributed_force import DistributedForce
 from .experiment import Experiment
 from .fit import Fit
-from .load_solver import Search, Seen, Sought, blocks
-from .loaded_model import loaded_model
+from .load_solver import Search, Seen, Sought, State, blocks
+from .loaded_model import LoadedModel, loaded_model
 from .losses import Loss
 from .measurements import Measurement, Somewhere, arc_length_of
-from .places import orders
+from .places import nearest, orders
 from .unknown_loads import PointForce, UnknownLoad
 
 _INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
+_UNLIKELY = 1e-3  # probability of residuals that are not believed
 
 
 @attrs.frozen(eq=False)
@@ -104,7 +108,7 @@ class Numbered:
         for k, each in enumerate(unknown):
             own = each.sought
             prefix = f"unknown[{k}]." if len(unknown) > 1 else ""
-            names += [f"loads[{first + len(templates) + number.load}].{number.field}" for number in own]
+            names += [f"loads[{first + len(templates) + load}].{field}" for load, field in each.taken]
             parts.append(slice(len(labels), len(labels) + sum(number.size for number in own)))
             labels += [prefix + label for number in own for label in number.labels]
             templates += each.loads()
@@ -121,6 +125,24 @@ class Numbered:
                 start += number.size
         return found
 
+    @property
+    def resultants(self) -> list[Array]:
+        """Total forces of the unknown loads ``(3, numbers)``, by all numbers that are sought."""
+        found = []
+        for part, each in zip(self.parts, self.unknown, strict=True):
+            rows = np.zeros((3, len(self.labels)))
+            rows[:, part] = each.resultant
+            found.append(rows)
+        return found
+
+    def roughness(self) -> Array | None:
+        """Of a distributed force whose smoothness is not given, as a quadratic form of all numbers."""
+        found = np.zeros((len(self.labels),) * 2)
+        for part, each in zip(self.parts, self.unknown, strict=True):
+            if isinstance(each, DistributedForce) and each.smoothness is None:
+                found[part, part] = each.roughness
+        return found if found.any() else None
+
     def loads_at(self, known: Sequence[Load], numbers: Array) -> list[Load]:
         """The known loads and those sought, with the numbers of the model."""
         values: dict[str, Any] = {}
@@ -134,11 +156,17 @@ class Numbered:
         return [*known, *loads_with(self.templates, values)]
 
 
+def extents(unknown: Sequence[UnknownLoad]) -> list[float | None]:
+    """Where distributed forces end."""
+    return [each.end for each in unknown if isinstance(each, DistributedForce)]
+
+
 @attrs.frozen(eq=False)
 class Case:
     """An experiment, the loads sought in it, and the search for them.
 
-    ``forces``: the numbers' scales where they are forces, zero elsewhere.
+    ``forces``: the numbers' scales where they are forces, zero elsewhere; ``roughness``: of a distributed force whose
+    smoothness is to be found, as a quadratic form of all numbers; ``scans``: kept models of the search for contacts.
     """
 
     robot: Robot
@@ -150,6 +178,8 @@ class Case:
     ends: Array
     search: Search
     forces: Array
+    roughness: Array | None
+    scans: dict[bytes, LoadedModel] = attrs.field(factory=dict)
 
     @classmethod
     def of(
@@ -161,11 +191,13 @@ class Case:
         loss: str,
         compiled: bool | None,
         steps: Callable[[], int],
-        before: Case | None,
+        kept: Sequence[Case],
     ) -> Case:
-        """A case; one ``before`` that serves lends its model, ``steps`` as for ``loaded_model``."""
+        """A case; one of those ``kept`` that serves lends its model. ``steps``: as for ``loaded_model``."""
         ends = tube_ends(robot, experiment.actuation)
         check_places(experiment, ends)
+        unknown = tuple(each.placed(ends) for each in unknown)
+        before = next((each for each in kept if each.serves(experiment, errors, unknown)), None)
         if before is not None:
             return before.again(experiment, ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
@@ -188,15 +220,17 @@ class Case:
         comparison = Comparison([experiment.measurements], _whitener(loss))
         seen = Seen(comparison, starts, sizes, losses, orders(experiment))
         search = Search(model, unit, float(ends.max()), sought, seen)
-        return cls(robot, experiment, numbered, errors, loss, compiled, ends, search, forces)
+        return cls(robot, experiment, numbered, errors, loss, compiled, ends, search, forces, numbered.roughness())
 
-    def serves(self, experiment: Experiment, errors: Errors) -> bool:
-        """Whether its model serves another experiment, too."""
+    def serves(self, experiment: Experiment, errors: Errors, unknown: tuple[UnknownLoad, ...]) -> bool:
+        """Whether its model serves another experiment, too, with the same unknown loads, as they are placed there."""
         own = self.experiment
         return (
             own.requests == experiment.requests
             and [type(each) for each in own.measurements] == [type(each) for each in experiment.measurements]
             and own.loads == experiment.loads
+            and len(self.numbered.unknown) == len(unknown)
+            and extents(self.numbered.unknown) == extents(unknown)
             and self.errors.names == errors.names
             and np.array_equal(self.errors.spread, errors.spread)
         )
@@ -224,6 +258,33 @@ class Case:
         """Where the numbers of unknown loads at unknown places stand."""
         both = zip(self.numbered.parts, self.numbered.unknown, strict=True)
         return [part for part, each in both if any(number.field == "arc_length" for number in each.sought)]
+
+    def resting(self, shape: Equilibrium) -> State:
+        """The robot without the unknown loads, its points at the places next to them."""
+        places = nearest(self.experiment, shape, self.whitener, self.loss_of_points)
+        found = self.search.at(shape.unknowns, self.start, places, np.zeros(self.search.errors))
+        if found is None:
+            raise EstimationError("without the unknown loads the robot's shape cannot be compared with measurements")
+        return found
+
+    def likely(self, state: State) -> bool:
+        """Whether model and noise explain the residuals: else another place may, that the search has missed."""
+        from scipy.stats import chi2
+
+        return 2.0 * state.cost < float(chi2.isf(_UNLIKELY, len(state.misfit)))
+
+    def untouched(self, state: State) -> NDArray[np.bool_]:
+        """Which numbers are normal forces that are zero: bounds that hold them."""
+        found = np.zeros(len(state.x), dtype=bool)
+        for part in self.numbered.where("normal_force"):
+            found[part] = state.x[part] <= 0.0
+        return found
+
+    def contact(self, part: slice) -> PointForce:
+        """The contact whose numbers stand there."""
+        found = self.numbered.unknown[self.numbered.parts.index(part)]
+        assert isinstance(found, PointForce)
+        return found
 
     def loads_at(self, x: Array) -> list[Load]:
         """Known loads and those sought, with these numbers."""
@@ -253,24 +314,28 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
         known = each.known_before
         information.append(np.zeros((part.stop - part.start,) * 2) if known is None else known.information)
         mean[part] = 0.0 if known is None else known.mean
-    for part in numbered.where("force"):
+    for part in numbered.where("force") + numbered.where("normal_force"):
         forces[part] = scale[part]
-    found = Sought(np.eye(size), scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
+    mixing = np.asarray(block_diag(*(each.mixing for each in numbered.unknown)))
+    found = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
     return found, forces
 
 
 def extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array, Array]:
-    """What follows from the robot's length: scales and bounds of the numbers."""
+    """Scales and bounds of the numbers: the former follow from the robot's length, as do those of places."""
     length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
     size = len(numbered.labels)
     scale, lower, upper = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
     scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
+    scales["density"], scales["normal_force"] = scales["force"] / length, scales["force"]
     for field, value in scales.items():
         for part in numbered.where(field):
             scale[part] = value
     for part, each in zip(numbered.parts, numbered.unknown, strict=True):
         if isinstance(each, PointForce) and each.arc_length is None:
             lower[part.stop - 1], upper[part.stop - 1] = _INSIDE * length, ends[each.tube] - _INSIDE * length
+    for part in numbered.where("normal_force"):
+        lower[part] = 0.0
     return scale, lower, upper
 
 

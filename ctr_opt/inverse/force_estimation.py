@@ -15,18 +15,23 @@ from ..robot.actuation import Actuation
 from ..robot.checks import Array, array, choice, flag, index, number
 from ..robot.loads import Load
 from ..robot.robot import Robot
+from .contact_number import Contacts, Evidence
+from .contact_profile import Profile
 from .contact_search import contacts
+from .distributed_force import DistributedForce
 from .experiment import Experiment
 from .fit import Fit
 from .force_case import Case, Errors, check_places, tube_ends
 from .force_estimate import ForceEstimate
+from .friction import within_cone
 from .load_solver import State
 from .losses import LOSSES
 from .measurements import Measurement
 from .places import nearest
+from .smoothness import smoothest
 from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 
-UNKNOWN_LOADS = (TipForce, TipWrench, PointForce)
+UNKNOWN_LOADS = (TipForce, TipWrench, PointForce, DistributedForce, Contacts)
 _SAME = 1e-4  # of the loads' scales: solutions closer to each other are one
 _SEED = 0
 _MORE = 2  # times as many steps as without the unknown loads, in the virtual machine
@@ -41,7 +46,8 @@ class ForceEstimationProblem:
     robot
         The robot, calibrated.
     unknown
-        What is sought: :class:`TipForce`, :class:`TipWrench`, :class:`PointForce`, one or several.
+        What is sought: :class:`TipForce`, :class:`TipWrench`, :class:`PointForce`, :class:`DistributedForce`, one or
+        several, and :class:`Contacts` whose number is unknown.
     prior
         Mean and standard deviation of the forces, N, known before, of those unknown loads that have none of their own.
     loss
@@ -68,17 +74,17 @@ class ForceEstimationProblem:
     >>> import ctr_opt as ctr
     >>> rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)])
     >>> held = ctr.Actuation([0.0], [0.0])
-    >>> pushed = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.2, 0.1, 0.05])])
+    >>> pushed = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.2, 0.1, 0.0])])
     >>> seen = ctr.PositionMeasurement([0.05, 0.1], pushed.position([0.05, 0.1]), sigma=1e-4)
     >>> estimate = ctr.ForceEstimationProblem(rod, [ctr.TipForce()]).solve(held, [seen])
-    >>> estimate.force.round(4).tolist()
-    [0.2, 0.1, 0.05]
+    >>> estimate.force[:2].round(4).tolist()
+    [0.2, 0.1]
     """
 
     def __init__(
         self,
         robot: Robot,
-        unknown: UnknownLoad | Sequence[UnknownLoad],
+        unknown: UnknownLoad | Contacts | Sequence[UnknownLoad | Contacts],
         *,
         prior: Any = None,
         loss: str = "squared",
@@ -102,6 +108,7 @@ class ForceEstimationProblem:
         }
         self._forward = ForwardProblem(robot, tolerance=self.tolerance, compiled=self._compiled)
         self.starts = index(starts - 1, "starts - 1") + 1
+        self._options = _options(self.unknown)
         self._kept: list[Case] = []
 
     # -- solving ---------------------------------------------------------------------------------------------------
@@ -135,16 +142,16 @@ class ForceEstimationProblem:
             No loads were found: what was tried, how far it got and what to do.
         """
         experiment = experiment_of(self.robot, actuation, measurements, loads)
-        case = self._case(experiment, fit)
-        found = [] if initial is None else [case.search.solve(*self._near(case, initial))]
-        states = [state for state in found if state is not None] or self._from_nothing(case)
-        if not states:
+        errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
+        found = [self._estimate(experiment, errors, unknown, initial) for unknown in self._options]
+        estimates = [each for each in found if each is not None]
+        if not estimates:
             raise EstimationError(
                 "no loads were found: from no start could the equations of the robot and the measurements be met "
                 "together. Check actuation, frame and units of the measurements; a prior of the force, or an initial "
                 "estimate, helps where loads are large"
             )
-        return ForceEstimate(self._forward, case, states)
+        return estimates[0] if len(self._options) == 1 else self._likeliest(estimates)
 
     def check(self, actuation: Actuation, measurements: Any, loads: Sequence[Load] = ()) -> None:
         """Check what would be solved, without solving.
@@ -157,14 +164,21 @@ class ForceEstimationProblem:
         experiment = experiment_of(self.robot, actuation, measurements, loads)
         check_places(experiment, tube_ends(self.robot, actuation))
 
-    def _case(self, experiment: Experiment, fit: Fit | None) -> Case:
+    def case(self, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Case:
+        """What is sought and seen, for code that searches on its own."""
+        experiment = experiment_of(self.robot, actuation, measurements, loads)
+        errors = Errors.of(self.robot, experiment, None, self._actuation_sigma)
+        return self._case(experiment, errors, self._options[0])
+
+    def _case(self, experiment: Experiment, errors: Errors, unknown: tuple[UnknownLoad, ...]) -> Case:
+        """Of models for measurements at some places the last few are kept."""
+
         def steps() -> int:
             return _MORE * self._unloaded(experiment).solved().steps
 
-        errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
-        before = next((each for each in self._kept if each.serves(experiment, errors)), None)
-        case = Case.of(self.robot, experiment, self.unknown, errors, self.loss, self._compiled, steps, before)
-        self._kept = [case, *(each for each in self._kept if each is not before)][:_MODELS]
+        case = Case.of(self.robot, experiment, unknown, errors, self.loss, self._compiled, steps, self._kept)
+        others = [each for each in self._kept if each.search.model is not case.search.model]
+        self._kept = [case, *others][:_MODELS]
         return case
 
     def _unloaded(self, experiment: Experiment) -> Equilibrium:
@@ -172,6 +186,33 @@ class ForceEstimationProblem:
             return self._forward.solve(experiment.actuation, experiment.loads)
         except SolveError as error:
             raise EstimationError(f"without the unknown loads the robot has no equilibrium: {error}") from error
+
+    def _estimate(
+        self, experiment: Experiment, errors: Errors, unknown: tuple[UnknownLoad, ...], initial: ForceEstimate | None
+    ) -> ForceEstimate | None:
+        """With these unknown loads; None where none are found."""
+        case = self._case(experiment, errors, unknown)
+        if len(self._options) > 1 and isinstance(initial, ForceEstimate) and initial.labels != case.numbered.labels:
+            initial = None  # of another number of contacts
+        if case.roughness is not None:
+            case, states = self._smoothest(case, initial)
+        else:
+            near = [] if initial is None else [case.search.solve(*self._near(case, initial))]
+            states = [state for state in near if state is not None] or self._from_nothing(case)
+        states = _different(case, [within_cone(case, state) for state in states])
+        return ForceEstimate(self._forward, case, states) if states else None
+
+    def _likeliest(self, estimates: list[ForceEstimate]) -> ForceEstimate:
+        """The one with the number of contacts for which there is most evidence."""
+        others, measured = len(self.unknown) - 1, len(estimates[0].state.misfit)
+        table = [
+            Evidence.of(len(each.case.numbered.unknown) - others, each.state.cost, len(each.labels), measured)
+            for each in estimates
+        ]
+        best = estimates[int(np.argmin([row.criterion for row in table]))]
+        if not others:
+            table.insert(0, Evidence.of(0, self._resting(best.case).cost, 0, measured))
+        return ForceEstimate(self._forward, best.case, best.states, table)
 
     def _near(self, case: Case, initial: ForceEstimate) -> tuple[Array, Array, Array]:
         if not isinstance(initial, ForceEstimate) or initial.labels != case.numbered.labels:
@@ -183,19 +224,39 @@ class ForceEstimationProblem:
     def _places(self, case: Case, shape: Equilibrium) -> Array:
         return nearest(case.experiment, shape, case.whitener, case.loss_of_points)
 
+    def _smoothest(self, case: Case, initial: ForceEstimate | None) -> tuple[Case, list[State]]:
+        """The case with the smoothness of a distributed force, and its solution, none or one."""
+        start = None
+        if initial is not None:
+            start = case.search.at(*self._near(case, initial), np.zeros(case.search.errors))
+        found, state = smoothest(case, start or self._resting(case))
+        return found, [] if state is None else [state]
+
+    def _resting(self, case: Case) -> State:
+        return case.resting(self._unloaded(case.experiment))
+
     def _from_nothing(self, case: Case) -> list[State]:
         """From the robot without the unknown loads, and where contacts are sought, from places that look likely."""
-        shape = self._unloaded(case.experiment)
-        places = self._places(case, shape)
-        starts = contacts(case, shape.unknowns, places) if case.contacts else [case.start]
+        resting = self._resting(case)
+        starts = contacts(case, resting.z, resting.places) if case.contacts else [case.start]
         rng = np.random.default_rng(_SEED)
         starts += [case.start + case.forces * rng.normal(size=len(case.start)) for _ in range(self.starts - 1)]
-        found: list[State] = []
-        for x in starts:
-            state = case.search.solve(shape.unknowns, x, places)
-            if state is not None and not any(_same(case, state, other) for other in found):
-                found.append(state)
-        return sorted(found, key=lambda state: state.cost)
+        found = _different(case, [case.search.solve(resting.z, x, resting.places) for x in starts])
+        if case.contacts and not (found and case.likely(found[0])):
+            profiles = [Profile.of(case, part, found, resting) for part in case.contacts]
+            walked = [profile.least() for profile in profiles if profile.states]
+            freed = [case.search.solve(each.z, each.x, each.places) or each for each in walked]
+            found = _different(case, [*found, *freed])
+        return found
+
+
+def _different(case: Case, states: Sequence[State | None]) -> list[State]:
+    """Those that are found, each once, the likeliest first."""
+    found: list[State] = []
+    for state in states:
+        if state is not None and not any(_same(case, state, other) for other in found):
+            found.append(state)
+    return sorted(found, key=lambda state: state.cost)
 
 
 def _same(case: Case, a: State, b: State) -> bool:
@@ -211,7 +272,7 @@ def _deviations(value: Any, field: str, tubes: int) -> Array | None:
     return np.array(given)
 
 
-def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
+def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad | Contacts, ...]:
     every = (given,) if isinstance(given, UNKNOWN_LOADS) else tuple(given or ())
     if not every:
         raise DefinitionError("unknown = [] must name at least one load")
@@ -219,9 +280,39 @@ def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
         if not isinstance(each, UNKNOWN_LOADS):
             names = ", ".join(kind.__name__ for kind in UNKNOWN_LOADS)
             raise DefinitionError(f"unknown[{k}] = {each!r} must be one of {names}")
-        if isinstance(each, PointForce):
+        if not isinstance(each, (TipForce, TipWrench)):
             index(each.tube, f"unknown[{k}].tube", tubes)
-    return tuple(each if each.prior is not None else attrs.evolve(each, prior=prior) for each in every)
+    if sum(isinstance(each, Contacts) for each in every) > 1:
+        raise DefinitionError("unknown: Contacts can stand there once; more forces at unknown places are PointForce()")
+    if sum(isinstance(each, PointForce) and each.friction is not None for each in every) > 1:
+        raise DefinitionError("unknown: one contact at most can have friction")
+    rough = [isinstance(each, DistributedForce) and each.smoothness is None for each in every]
+    if any(rough) and (sum(rough) > 1 or any(map(_somewhere, every))):
+        raise DefinitionError(
+            f"unknown[{rough.index(True)}].smoothness = None must be given beside contacts at unknown places and other "
+            "distributed forces"
+        )
+    return tuple(_with(each, prior) for each in every)
+
+
+def _somewhere(unknown: UnknownLoad | Contacts) -> bool:
+    """Whether its place is sought."""
+    return isinstance(unknown, Contacts) or (isinstance(unknown, PointForce) and unknown.arc_length is None)
+
+
+def _with(unknown: Any, prior: Any) -> Any:
+    """A load with the prior of forces, unless it has its own."""
+    if isinstance(unknown, DistributedForce) or unknown.prior is not None:
+        return unknown
+    return attrs.evolve(unknown, prior=prior)
+
+
+def _options(unknown: tuple[UnknownLoad | Contacts, ...]) -> list[tuple[UnknownLoad, ...]]:
+    """Unknown loads with every number of contacts, last; as they are, where there are no such contacts."""
+    others = tuple(each for each in unknown if not isinstance(each, Contacts))
+    counted = [each for each in unknown if isinstance(each, Contacts)]
+    least = 0 if others else 1
+    return [(*others, *each.forces(k)) for each in counted for k in range(least, each.most + 1)] or [others]
 
 
 def experiment_of(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:

@@ -14,13 +14,14 @@ from ..robot.actuation import Actuation
 from ..robot.checks import Array, array, number
 from ..robot.loads import Load
 from ..robot.robot import Robot
+from .contact_number import Contacts
 from .force_case import Case, Numbered, extent
-from .force_estimation import ForceEstimationProblem, experiment_of
+from .force_estimation import ForceEstimationProblem
 from .force_window import Belief, Sample, Window
 from .load_solver import Search, State
 from .measurements import Measurement
 from .streamed_force import StreamedForce
-from .unknown_loads import UnknownLoad
+from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 
 _CLOSE = 0.05  # of the moments' size: how far off an equilibrium a search may begin and not be blamed for it
 _OPEN = 1e3  # characteristic sizes: standard deviation, to begin with, of numbers of which nothing is known
@@ -109,7 +110,7 @@ class ForceEstimator:
         self.horizon = _count(horizon)
         self.outlier = number(outlier, "outlier", above=0.0)
         self.counts: Counter[str] = Counter()
-        self._numbered = Numbered.of(self._problem.unknown, 0)
+        self._numbered = Numbered.of(_followed(self._problem.unknown), 0)
         self._unit = extent(robot, self._numbered, np.array([tube.length for tube in robot.tubes]))[0]
         walk = np.diag((_drift(drift, self._numbered) / self._unit) ** 2)
         self._window = Window(_before(self._numbered, self._unit), walk, self.horizon)
@@ -167,7 +168,7 @@ class ForceEstimator:
         """What is sought and seen, without prior; None where nothing is seen."""
         if measurements is None or (isinstance(measurements, Sequence) and not measurements):
             return None
-        case = self._problem._case(experiment_of(self.robot, actuation, measurements, loads), None)
+        case = self._problem.case(actuation, measurements, loads)
         return _with_prior(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
 
     # -- one sample ------------------------------------------------------------------------------------------------
@@ -223,6 +224,16 @@ class ForceEstimator:
             np.reshape(window.means, (-1, len(unit))) * unit,
             self._numbered,
         )
+
+
+def _followed(unknown: Sequence[UnknownLoad | Contacts]) -> tuple[UnknownLoad, ...]:
+    """Unknown loads that a stream can follow: those of as many numbers in every sample."""
+    found: list[UnknownLoad] = []
+    for k, each in enumerate(unknown):
+        if not isinstance(each, (TipForce, TipWrench, PointForce)):
+            raise DefinitionError(f"unknown[{k}] = {each!r} cannot be followed: it must be a force or a wrench")
+        found.append(each)
+    return tuple(found)
 
 
 def _count(horizon: Any) -> int:

@@ -27,6 +27,10 @@ _BALANCED = 3e-5  # of the moments' size: what the equilibrium may be off before
 _SETTLED = 1e-9  # of the moments' size: what is less off has the loss that it tells
 _NEAR = 0.3  # of the moments' size: farther off, the equilibrium is not told by its linearization
 BLIND = 30.0  # scaled standard deviation from which a direction is not moved along: loads would go anywhere
+_STALLED, _NOTHING = 8, 1e-7  # steps in which the loss falls by less, relative, where it is flat: the last
+_LITTLE = 1e-2  # of losses, half squared standard deviations: what it may still fall by where steps run out
+_BEYOND = 1e100  # of misfits and slopes: their squares are no numbers
+_CORRECTIONS = 3  # of forces for new places of contacts, where a step of both goes too far
 _CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where there is no way on
 
 
@@ -45,6 +49,11 @@ class Sought:
     lower: Array
     upper: Array
     spread: Array
+
+    @cached_property
+    def at_places(self) -> NDArray[np.bool_]:
+        """Which of ``x`` are places of contacts: they alone are bounded above."""
+        return np.isfinite(self.upper)
 
     @cached_property
     def turn(self) -> Array:
@@ -105,6 +114,7 @@ class State:
 
     ``misfit`` and its ``slopes`` by ``x`` and ``e`` with the robot kept in equilibrium, and ``along`` by places;
     ``follow (n, 1 + k)``: Newton's step of ``z``, and how it follows ``x``; the errors ``e`` are in the misfit alone.
+    ``tangent``: directions in which ``x`` may move, as columns, where not in all.
     """
 
     z: Array
@@ -119,6 +129,11 @@ class State:
     cost: float
     weights: Array
     arrived: bool = False
+    tangent: Array | None = None
+
+    def better_than(self, other: State) -> bool:
+        """Whether the loss is not greater, but for rounding."""
+        return self.cost <= other.cost + 1e-9 * (1.0 + abs(other.cost))
 
     def moved(self, x: Array, places: Array, e: Array) -> State:
         """Arrived at where a short step leads, to first order."""
@@ -144,6 +159,7 @@ class Search:
     length: float
     sought: Sought
     seen: Seen
+    arrived: float = _ARRIVED
 
     # -- evaluation ------------------------------------------------------------------------------------------------
 
@@ -164,7 +180,7 @@ class Search:
             return None
         every = rates[:, :n] @ follow
         every[:, 1:] += rates[:, n:] @ sought.turn
-        if not np.isfinite(every).all():
+        if not np.abs(every).max(initial=0.0) < _BEYOND:  # nor where it is no number
             return None
         slopes = every[:, 1:]
         misfit = np.asarray(misfit + every[:, 0] + slopes[:, len(x) :] @ e, dtype=np.float64)
@@ -183,11 +199,22 @@ class Search:
         """The least loss nearby; None where no way leads on."""
         state = self.at(z, np.clip(x, self.sought.lower, self.sought.upper), places, np.zeros(self.errors))
         damping, before = 0.0, 0.0
+        costs: list[float] = []
         for _ in range(_MOST_STEPS):
             if state is None or state.arrived:
                 return state
+            costs.append(state.cost)
+            if len(costs) > _STALLED and np.ptp(costs[-_STALLED:]) < _NOTHING * (1.0 + state.cost):
+                return self._at_rest(state)
             state, damping, before = self._stepped(state, damping, before)
-        return None
+        return self._at_rest(state) if state is not None and np.ptp(costs[-_STALLED:]) < _LITTLE else None
+
+    def _at_rest(self, state: State) -> State | None:
+        """The same loads with the robot in equilibrium."""
+        found: State | None = state
+        while found is not None and found.off >= _SETTLED:
+            found = self._settled(found)
+        return found
 
     @property
     def errors(self) -> int:
@@ -198,7 +225,7 @@ class Search:
         """The next state, not worse than this one; the damping to go on with; the length of the step, if undamped.
 
         The last step is taken without looking again: the one after it, as steps shrink, would be shorter than
-        ``_ARRIVED``.
+        ``arrived``.
         """
         normal = Normal.of(self, state)
         while damping < _MOST_DAMPING:
@@ -207,16 +234,41 @@ class Search:
             x, places, e = state.x + dx, normal.places(state, whole), state.e + de
             length = float(np.sqrt(whole @ normal.matrix @ whole))
             last = 0.0 if damping else before
-            short = length * max(length, _SHRINK * last) < _ARRIVED * max(length, last)
+            short = length * max(length, _SHRINK * last) < self.arrived * max(length, last)
             if short and state.off < _BALANCED:
                 return state.moved(x, places, e), 0.0, length
-            found = self.at(state.z + state.follow @ np.concatenate(([1.0], dx)), x, places, e)
-            if found is not None and found.off < _NEAR and found.cost <= state.cost + 1e-9 * (1.0 + abs(state.cost)):
+            found = self._near(self.at(state.z + state.follow @ np.concatenate(([1.0], dx)), x, places, e))
+            if found is not None and not found.better_than(state):
+                found, length = self._corrected(found, state, damping), 0.0
+            if found is not None and found.better_than(state):
                 return found, 0.0 if damping < 1e-6 else 0.1 * damping, 0.0 if damping else length
-            if state.off > _SETTLED:  # its loss was told by a linearization: back into equilibrium first
-                return self.at(state.z + state.follow[:, 0], state.x, state.places, state.e), damping, 0.0
+            settled = self._settled(state) if state.off > _SETTLED else None
+            if settled is not None:  # the loss was told by a linearization: back into equilibrium first
+                return settled, damping, 0.0
             damping = max(10.0 * damping, 1e-3)
         return None, damping, 0.0
+
+    def _corrected(self, found: State, state: State, damping: float) -> State | None:
+        """A state with forces made anew for the places of contacts that it has moved to, until it is better."""
+        now: State | None = found
+        for _ in range(_CORRECTIONS if self.sought.at_places.any() else 0):
+            if now is None or now.better_than(state):
+                break
+            normal = Normal.of(self, now)
+            dx, de = normal.step(now, damping, self.sought.at_places)
+            places = normal.places(now, np.concatenate((dx, de)))
+            z = now.z + now.follow @ np.concatenate(([1.0], dx))
+            now = self._near(self.at(z, now.x + dx, places, now.e + de))
+        return now
+
+    def _near(self, found: State | None) -> State | None:
+        """A state, if it is anywhere near an equilibrium."""
+        return found if found is not None and found.off < _NEAR else None
+
+    def _settled(self, state: State) -> State | None:
+        """The same loads closer to equilibrium, where the loss means what it says; None where it is not closer."""
+        found = self.at(state.z + state.follow[:, 0], state.x, state.places, state.e)
+        return found if found is not None and found.off < 0.5 * state.off else None
 
 
 @attrs.frozen(eq=False)
@@ -256,11 +308,16 @@ class Normal:
         bounds = sought.whole_bounds
         return cls(matrix, gradient, sought.whole_scale, *bounds, by_place, curvatures, pulls, search.seen.orders)
 
-    def step(self, state: State, damping: float) -> tuple[Array, Array]:
-        """Towards the least, within bounds; not along directions of which nothing is known."""
+    def step(self, state: State, damping: float, hold: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
+        """Towards the least, within bounds; not along directions of which nothing is known, or that are to hold."""
         at = np.concatenate((state.x, state.e))
         held = np.zeros(len(at), dtype=bool)
-        step = self._free_step(slice(None), self.gradient, damping)
+        step = np.zeros(len(at))
+        if hold is None:
+            step = self._free_step(slice(None), self.gradient, damping)
+        else:
+            held[: len(hold)] = hold
+            step[~held] = self._free_step(~held, self.gradient, damping)
         for _ in range(len(at)):
             beyond = ~held & ((at + step < self.lower) | (at + step > self.upper))
             if not beyond.any():

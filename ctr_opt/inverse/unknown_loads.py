@@ -6,7 +6,7 @@ An unknown load says which loads stand for it, which of their numbers are unknow
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import attrs
 import numpy as np
@@ -24,6 +24,27 @@ def _tube(value: Any) -> int:
 
 def _arc_length(value: Any) -> float | None:
     return None if value is None else number(value, "arc_length", least=0.0, unit="m")
+
+
+def _normal(value: Any) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    given = array(value, "normal", (3,))
+    if not given.any():
+        raise DefinitionError("normal = [0, 0, 0] has no direction")
+    return tuple((given / np.linalg.norm(given)).tolist())
+
+
+def _friction(value: Any) -> float | None:
+    return None if value is None else number(value, "friction", least=0.0)
+
+
+def whole(value: Any, field: str, least: int, most: int | None = None) -> int:
+    """A whole number in a range."""
+    found = number(value, field, least=least, most=most)
+    if found != int(found):
+        raise DefinitionError(f"{field} = {value!r} must be a whole number")
+    return int(found)
 
 
 @attrs.frozen(eq=False)
@@ -78,20 +99,59 @@ class UnknownLoad(Protocol):
         """The numbers that are unknown, in their order."""
 
     @property
+    def taken(self) -> Sequence[tuple[int, str]]:
+        """Which fields of which of its loads the model takes, in their order."""
+
+    @property
+    def mixing(self) -> Array:
+        """The numbers that the model takes, by those that are sought."""
+
+    @property
+    def resultant(self) -> Array:
+        """The total force ``(3, numbers)``, by those that are sought."""
+
+    @property
     def known_before(self) -> Gaussian | None:
         """What is known of them before anything was measured."""
+
+    def placed(self, ends: Array) -> UnknownLoad:
+        """The same on a robot whose tubes end there."""
 
     @property
     def place(self) -> float | None:
         """Where the load acts: an arc length, m, or None, the tip (or nobody knows)."""
 
 
-def _vector(name: str) -> tuple[str, ...]:
+class _AsItStands:
+    """What unknown loads share whose numbers the model takes as they are sought."""
+
+    @property
+    def taken(self) -> list[tuple[int, str]]:
+        """Which fields of which of its loads the model takes."""
+        return [(number.load, number.field) for number in self.sought]  # type: ignore[attr-defined]
+
+    @property
+    def mixing(self) -> Array:
+        """Those numbers by those that are sought: the same."""
+        return np.eye(sum(number.size for number in self.sought))  # type: ignore[attr-defined]
+
+    @property
+    def resultant(self) -> Array:
+        """The force, which comes first."""
+        return np.eye(3, len(self.mixing))
+
+    def placed(self, ends: Array) -> Self:  # noqa: ARG002
+        """The same, wherever tubes end."""
+        return self
+
+
+def vector(name: str) -> tuple[str, ...]:
+    """Labels of its components."""
     return tuple(f"{name}.{axis}" for axis in "xyz")
 
 
 @attrs.frozen
-class TipForce:
+class TipForce(_AsItStands):
     """A force at the tip, world frame.
 
     Parameters
@@ -118,7 +178,7 @@ class TipForce:
     @property
     def sought(self) -> tuple[Sought, ...]:
         """The force."""
-        return (Sought(0, "force", 3, _vector("force")),)
+        return (Sought(0, "force", 3, vector("force")),)
 
     @property
     def known_before(self) -> Gaussian | None:
@@ -132,7 +192,7 @@ class TipForce:
 
 
 @attrs.frozen
-class TipWrench:
+class TipWrench(_AsItStands):
     """A force and a moment at the tip, world frame; the moment acts on the innermost tube.
 
     Parameters
@@ -158,7 +218,7 @@ class TipWrench:
     @property
     def sought(self) -> tuple[Sought, ...]:
         """Force and moment."""
-        return Sought(0, "force", 3, _vector("force")), Sought(0, "moment", 3, _vector("moment"))
+        return Sought(0, "force", 3, vector("force")), Sought(0, "moment", 3, vector("moment"))
 
     @property
     def known_before(self) -> Gaussian | None:
@@ -172,7 +232,7 @@ class TipWrench:
 
 
 @attrs.frozen
-class PointForce:
+class PointForce(_AsItStands):
     """A force at a place along a tube, world frame: a contact.
 
     Parameters
@@ -183,37 +243,85 @@ class PointForce:
         The tube that is pressed.
     prior
         Of the force, N, as for :class:`TipForce`.
+    normal
+        ``(3,)``, the direction in which a surface can push the robot, world frame, of any length: the force is
+        then no pull. None: it may be any.
+    friction
+        Coulomb's coefficient ``mu``, with a normal and a known place: the force across the normal is at most ``mu``
+        times that along it. None: none, the force is along the normal.
+
+    Notes
+    -----
+    Both hold exactly. Without friction the one number sought is the normal force, bounded by zero. With friction, where
+    the force is outside the cone without it, that of least loss on the cone's surface is taken. Covariances are those
+    of the face on which the answer is: along the surface only, or zero at the cone's apex.
 
     Examples
     --------
     >>> PointForce().sought[-1].labels
     ('arc_length',)
+    >>> PointForce(0.08, normal=[0.0, 2.0, 0.0]).sought[0].labels
+    ('normal_force',)
     """
 
     arc_length: float | None = attrs.field(default=None, converter=_arc_length)
     tube: int = attrs.field(default=0, converter=_tube)
     prior: Any = None
+    normal: Any = attrs.field(default=None, converter=_normal)
+    friction: float | None = attrs.field(default=None, converter=_friction)
 
     def __attrs_post_init__(self) -> None:
         _ = self.known_before
+        if self.friction is not None and (self.normal is None or self.arc_length is None):
+            raise DefinitionError(f"friction = {self.friction:g} needs a normal and the place, arc_length")
 
     def loads(self) -> list[Load]:
         """A point force, for now at the entry where nobody knows the place."""
         return [PointWrench(force=np.zeros(3), arc_length=self.arc_length or 0.0, tube=self.tube)]
 
     @property
+    def directions(self) -> Array:
+        """The force ``(3, n)``, by the numbers of it that are sought."""
+        return np.eye(3) if self.normal is None or self.friction is not None else np.array(self.normal)[:, None]
+
+    @property
     def sought(self) -> tuple[Sought, ...]:
-        """The force and, unless it is known, the place."""
-        force = Sought(0, "force", 3, _vector("force"))
+        """The force, or its size along the normal, and, unless it is known, the place."""
+        along = self.directions.shape[1] == 1
+        force = Sought(0, "normal_force", 1, ("normal_force",)) if along else Sought(0, "force", 3, vector("force"))
         return (force,) if self.arc_length is not None else (force, Sought(0, "arc_length", 1, ("arc_length",)))
+
+    @property
+    def taken(self) -> list[tuple[int, str]]:
+        """The force and, unless it is known, the place."""
+        return [(0, "force")] if self.arc_length is not None else [(0, "force"), (0, "arc_length")]
+
+    @property
+    def mixing(self) -> Array:
+        """Both, by the numbers that are sought."""
+        places = int(self.arc_length is None)
+        return np.block(
+            [
+                [self.directions, np.zeros((3, places))],
+                [np.zeros((places, self.directions.shape[1])), np.eye(places)],
+            ]
+        )
+
+    @property
+    def resultant(self) -> Array:
+        """The force, by the numbers that are sought."""
+        return self.mixing[:3]
 
     @property
     def known_before(self) -> Gaussian | None:
         """The prior; of a place nothing is known but that it is on the tube."""
         found = Gaussian.of(self.prior, "prior", 3)
-        if found is None or self.arc_length is not None:
-            return found
-        return Gaussian(np.append(found.mean, 0.0), np.pad(found.information, (0, 1)))
+        if found is None:
+            return None
+        rows = self.resultant
+        information = rows.T @ found.information @ rows
+        mean = np.linalg.pinv(information) @ rows.T @ found.information @ found.mean
+        return Gaussian(np.asarray(mean), np.asarray(information))
 
     @property
     def place(self) -> float | None:

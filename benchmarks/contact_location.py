@@ -1,0 +1,97 @@
+"""Do the sets of a contact's place hold? ``python -m benchmarks.contact_location``; see docs/contacts.md.
+
+Robots A and B of problems/three_tubes and RJW-S1, pressed at places and by forces that are drawn anew every time, and
+seen at twelve points along the backbone.
+"""
+
+import argparse
+from time import perf_counter
+
+import attrs
+import numpy as np
+
+import ctr_opt as ctr
+
+SIGMA = 2e-4  # m, of every coordinate of a point
+POINTS = 12
+FROM = 0.2  # of the length: contacts are between there and the tip
+SIZES = 0.5, 2.0  # of the force, times the bending stiffness over the squared arc length of the contact
+
+
+@attrs.frozen
+class Pressed:
+    """A contact, and what the search made of it."""
+
+    arc_length: float
+    found: float
+    sets: list
+
+    @property
+    def covered(self):
+        return any(start <= self.arc_length <= end for start, end in self.sets)
+
+
+def robots():
+    """Robots and their actuations by name."""
+    found = {}
+    for name in ("a", "b"):
+        given = ctr.load_problem(f"problems/three_tubes/{name}1.toml")
+        found[name.upper()] = given.robot, given.actuation
+    found["RJW-S1"] = ctr.load_robot("problems/rjw_s1/robot.toml"), ctr.Actuation([2.356, 0.0], [-0.1547, -0.0307])
+    return found
+
+
+def press(robot, free, actuation, rng):
+    """A contact across the backbone of a robot that stays stable, and the shape under it."""
+    while True:
+        s = rng.uniform(FROM, 1.0) * free.length
+        across = free.pose(s)[:3, :2] @ rng.normal(size=2)
+        size = rng.uniform(*SIZES) * robot.tubes[0].bending_stiffness / s**2
+        load = ctr.PointWrench(size * across / np.linalg.norm(across), arc_length=s)
+        try:
+            shape = ctr.ForwardProblem(robot, tolerance=1e-9, compiled=True).solve(actuation, [load], initial=free)
+        except ctr.SolveError:
+            continue
+        if shape.is_stable:
+            return load, shape
+
+
+def trials(robot, actuation, count, seed=1):
+    """So many contacts, found from noisy points."""
+    free = ctr.ForwardProblem(robot, compiled=True).solve(actuation)
+    problem = ctr.ForceEstimationProblem(robot, ctr.PointForce(), compiled=True)
+    places = np.linspace(0.1, 1.0, POINTS) * free.length
+    found = []
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        load, shape = press(robot, free, actuation, rng)
+        points = shape.position(places) + SIGMA * rng.normal(size=(POINTS, 3))
+        estimate = problem.solve(actuation, ctr.PositionMeasurement(places, points, SIGMA))
+        found.append(Pressed(load.arc_length, estimate.arc_length, estimate.arc_length_set))
+    return found
+
+
+def row(name, found):
+    """Of a table in Markdown."""
+    covered = np.mean([each.covered for each in found])
+    length = np.median([sum(end - start for start, end in each.sets) for each in found])
+    parted = np.mean([len(each.sets) > 1 for each in found])
+    error = np.median([abs(each.found - each.arc_length) for each in found])
+    return f"| {name} | {covered:.1%} | {1e3 * length:.1f} mm | {parted:.1%} | {1e3 * error:.1f} mm |"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    print("| robot | sets that hold the place | median length | in several intervals | median error of the estimate |")
+    print("| --- | ---: | ---: | ---: | ---: |")
+    for name, (robot, actuation) in robots().items():
+        begin = perf_counter()
+        print(row(name, trials(robot, actuation, given.trials, given.seed)), flush=True)
+        print(f"{(perf_counter() - begin) / given.trials:.3f} s a trial", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,158 @@
+"""Distributed forces: splines as pieces, smoothness by evidence, and what is found of a known load."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ctr_opt as ctr
+
+SIGMA = 2e-4  # m
+COUNT = 20
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    """Robot B under a smooth density, its total, and its shape by a solver that knows nothing of splines."""
+    given = ctr.load_problem(Path("problems/three_tubes") / "b1.toml")
+    length = ctr.ForwardProblem(given.robot).solve(given.actuation).length
+    unit = given.robot.tubes[0].bending_stiffness / length**3
+    s = np.linspace(0.0, length, 81)
+    values = unit * np.column_stack((2.0 * np.sin(np.pi * s / length) ** 2, 1.5 * np.cos(12.0 * s), 0.3 + 0.0 * s))
+    load = ctr.DistributedLoad((s, values))
+    shape = ctr.ForwardProblem(given.robot, tolerance=1e-9).solve(given.actuation, [load])
+    return given.robot, given.actuation, load, shape, unit
+
+
+def seen(shape, sigma=SIGMA, seed=0):
+    s = np.linspace(0.05, 1.0, COUNT) * shape.length
+    points = shape.position(s) + sigma * np.random.default_rng(seed).normal(size=(COUNT, 3))
+    return ctr.PositionMeasurement(s, points, sigma)
+
+
+@pytest.fixture(scope="module")
+def estimate(pushed):
+    robot, actuation, _, shape, unit = pushed
+    force = ctr.DistributedForce(prior=(0.0, 10.0 * unit))
+    return ctr.ForceEstimationProblem(robot, force, compiled=True).solve(actuation, seen(shape))
+
+
+def test_pieces_are_the_means_of_the_spline():
+    """And their sum is its integral, all to rounding."""
+    force = ctr.DistributedForce(coefficients=7, start=0.01, end=0.1)
+    coefficients = np.random.default_rng(0).normal(size=(7, 3))
+    pieces = (force.mixing @ coefficients.ravel()).reshape(-1, 3)
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    loads = force.loads()
+    for piece, load in zip(pieces, loads, strict=True):
+        s = load.start + 0.5 * (load.end - load.start) * (1.0 + nodes)
+        mean = 0.5 * weights @ (force.spline(s) @ coefficients)
+        np.testing.assert_allclose(piece, mean, rtol=1e-12)
+    lengths = np.array([load.end - load.start for load in loads])
+    np.testing.assert_allclose(force.resultant @ coefficients.ravel(), lengths @ pieces, rtol=1e-12)
+
+
+def test_roughness_is_the_integral_of_the_second_derivative():
+    """Of f = s^2 in x it is 4 times the length, and of a linear f nothing, to rounding."""
+    force = ctr.DistributedForce(coefficients=8, end=0.1)
+    s = np.linspace(0.0, 0.1, 50)
+    for power, expected in ((2, 4.0 * 0.1), (1, 0.0)):
+        fitted = np.linalg.lstsq(force.spline(s), s**power, rcond=None)[0]
+        x = np.column_stack((fitted, 0.0 * fitted, 0.0 * fitted)).ravel()
+        assert x @ force.roughness @ x == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_pieces_move_the_robot_far_less_than_noise(pushed):
+    """Below a twentieth of a point's standard deviation: the spline's pieces instead of the density itself."""
+    robot, actuation, load, shape, _ = pushed
+    force = ctr.DistributedForce(end=shape.length)
+    s, values = load.force.arc_length, load.force.values
+    coefficients = np.linalg.lstsq(force.spline(s), values, rcond=None)[0]
+    pieces = (force.mixing @ coefficients.ravel()).reshape(-1, 3)
+    loads = [
+        ctr.DistributedLoad(piece, start=each.start, end=each.end)
+        for piece, each in zip(pieces, force.loads(), strict=True)
+    ]
+    other = ctr.ForwardProblem(robot, tolerance=1e-9, compiled=True).solve(actuation, loads)
+    places = np.linspace(0.05, 1.0, COUNT) * shape.length
+    assert np.abs(other.position(places) - shape.position(places)).max() < SIGMA / 20.0
+
+
+def test_the_density_is_found_within_its_errors(pushed, estimate):
+    """In the mean of places and axes: splines' errors hang together, so no more than twice what is told."""
+    _, _, load, _, _ = pushed
+    s, values = load.force.arc_length, load.force.values
+    found, deviations = estimate.density(s)
+    assert found.shape == deviations.shape == (81, 3)
+    assert np.sqrt((((found - values) / deviations) ** 2).mean()) < 2.0
+    total = np.trapezoid(values, s, axis=0)
+    assert (np.abs(estimate.force - total) < 3.0 * np.sqrt(np.diag(estimate.force_covariance))).all()
+    np.testing.assert_allclose(sum((load.end - load.start) * load.force for load in estimate.loads), estimate.force)
+    assert estimate.consistent
+
+
+@pytest.fixture(scope="module")
+def precise(pushed):
+    """With points of a micrometre."""
+    robot, actuation, _, shape, unit = pushed
+    force = ctr.DistributedForce(prior=(0.0, 10.0 * unit))
+    return ctr.ForceEstimationProblem(robot, force, compiled=True).solve(actuation, seen(shape, sigma=1e-6))
+
+
+def test_precise_points_tell_the_density(pushed, precise):
+    """The total across to a tenth of the characteristic force, and densities within twice their errors in the mean."""
+    _, _, load, shape, unit = pushed
+    total = np.trapezoid(load.force.values, load.force.arc_length, axis=0)
+    assert np.abs(precise.force - total)[:2].max() < 0.1 * unit * shape.length
+    values, deviations = precise.density(load.force.arc_length)
+    assert np.sqrt((((values - load.force.values) / deviations) ** 2).mean()) < 2.0
+
+
+def test_the_smoothness_is_that_of_greatest_evidence(precise):
+    """Against determinants of the linearized problem over a grid of weights, to its steps of a tenth of a decade."""
+    (unknown,), state = precise.case.numbered.unknown, precise.state
+    rough, before = unknown.roughness, unknown.known_before.information
+    weight = (precise.case.search.sought.prior_information - before)[0, 0] / rough[0, 0]
+    slopes = state.slopes * np.sqrt(state.weights)[:, None]
+    data = slopes.T @ slopes + before
+    pull = slopes.T @ (slopes @ state.x - np.sqrt(state.weights) * state.misfit)
+    rank = np.linalg.matrix_rank(rough)
+
+    def evidence(w):
+        matrix = data + w * rough
+        return 0.5 * (pull @ np.linalg.solve(matrix, pull) - np.linalg.slogdet(matrix)[1] + rank * np.log(w))
+
+    powers = np.arange(-20, 21) / 10.0
+    best = powers[np.argmax([evidence(weight * 10.0**power) for power in powers])]
+    assert abs(best) < 0.11
+
+
+def test_a_given_smoothness_is_kept(pushed):
+    """A large one leaves a straight line: second differences of the density vanish beside its size."""
+    robot, actuation, _, shape, unit = pushed
+    force = ctr.DistributedForce(coefficients=6, smoothness=1e7, prior=(0.0, 10.0 * unit))
+    found = ctr.ForceEstimationProblem(robot, force, compiled=True).solve(actuation, seen(shape))
+    values = found.density(np.linspace(0.0, shape.length, 9))[0]
+    assert np.abs(np.diff(values, n=2, axis=0)).max() < 1e-3 * np.abs(values).max()
+
+
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        ({"coefficients": 3}, "above the degree"),
+        ({"coefficients": 4.5}, "whole number"),
+        ({"degree": 1}, "degree = 1 must be"),
+        ({"smoothness": 0.0}, "smoothness = 0"),
+        ({"start": 0.1, "end": 0.05}, "must be above start"),
+    ],
+)
+def test_impossible_splines_are_refused(field, message):
+    with pytest.raises(ctr.DefinitionError, match=message):
+        ctr.DistributedForce(**field)
+
+
+def test_a_force_beyond_its_tube_is_refused(pushed):
+    robot, actuation, _, shape, _ = pushed
+    problem = ctr.ForceEstimationProblem(robot, ctr.DistributedForce(end=2.0), compiled=True)
+    with pytest.raises(ctr.DefinitionError, match="ends at"):
+        problem.solve(actuation, seen(shape))
