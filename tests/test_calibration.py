@@ -10,6 +10,8 @@ from ctr_opt.experiment_tables import read_experiments, write_experiments
 from ctr_opt.inverse.estimation import Estimation
 from ctr_opt.inverse.synthetic import synthetic_experiments
 
+pytestmark = pytest.mark.usefixtures("compiling")
+
 FILE = "problems/rjw_s1/calibration.toml"
 NOISE = 0.2e-3
 STIFFNESSES = [f"tubes[{i}].{kind}_stiffness" for kind in ("bending", "torsional") for i in (0, 1)]

@@ -49,6 +49,7 @@ def test_the_code_of_the_transcriptions_runs():
         assert abs(shape.tip_position - shapes[0].tip_position).max() < 2e-7 * shape.length
 
 
+@pytest.mark.usefixtures("compiling")
 def test_the_code_of_the_calibration_runs(capsys):
     (code,) = blocks("docs/calibration.md", "python")
     scope = {}

@@ -12,13 +12,7 @@ from benchmarks.force_data import FILES, points, tip
 from ctr_opt.cli import cli
 from ctr_opt.force_files import load_force_problem
 
-
-@pytest.fixture(scope="module", autouse=True)
-def compiling():
-    """Compiled code is used as where nothing forbids it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("CTR_OPT_COMPILE")
-        yield
+pytestmark = pytest.mark.usefixtures("compiling")
 
 
 def measured(given, kind):

@@ -8,6 +8,8 @@ from scipy.stats import norm
 import ctr_opt as ctr
 from ctr_opt.robot.replacing import robot_with
 
+pytestmark = pytest.mark.usefixtures("compiling")
+
 LOSSES = ("squared", "distance", "huber", "cauchy")
 METHODS = ("simultaneous", "reduced")
 STIFFNESSES = ["tubes[0].bending_stiffness", "tubes[1].bending_stiffness"]

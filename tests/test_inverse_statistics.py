@@ -13,6 +13,8 @@ from ctr_opt.inverse import refits
 from ctr_opt.inverse.estimation import Estimation
 from ctr_opt.robot.replacing import robot_with
 
+pytestmark = pytest.mark.usefixtures("compiling")
+
 SIGMA = NOISE["position"]
 STIFFNESSES = ["tubes[0].bending_stiffness", "tubes[1].bending_stiffness"]
 NAMES = [*STIFFNESSES, "tubes[0].rotation_offset"]

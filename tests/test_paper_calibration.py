@@ -13,16 +13,10 @@ from ctr_opt.cli import cli
 from ctr_opt.inverse.losses import SMOOTHING
 from ctr_opt.robot.replacing import robot_with
 
+pytestmark = pytest.mark.usefixtures("compiling")
+
 FILE = "problems/rjw_s1/calibration.toml"
 OUTLIER = 77
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiling():
-    """Fits use compiled code, as they do where nothing forbids it: in the virtual machine they take minutes."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("CTR_OPT_COMPILE")
-        yield
 
 
 @pytest.fixture(scope="module")
