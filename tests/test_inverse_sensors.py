@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import ctr_opt as ctr
 
+pytestmark = pytest.mark.usefixtures("compiling")
+
 COMPILED = pytest.mark.parametrize("compiled", [False, True], ids=["virtual machine", "compiled"])
 COIL = {"sensors.coil.translation": np.array([1e-3, -2e-3, 4e-3]), "sensors.coil.rotation": np.array([0.2, -0.3, 0.4])}
 RING = {"sensors.ring.translation": np.array([3e-3, 0.0, -1e-3]), "sensors.ring.rotation": np.array([-0.1, 0.5, 1.0])}
