@@ -51,8 +51,9 @@ class DistributedForce:
     degree
         Of its polynomials, 2 to 5: 3 is a cubic spline.
     smoothness
-        The weight ``w``, m^5/N^2. None: that of greatest marginal likelihood (evidence) in the linearized problem,
-        chosen anew with the steps of Gauss and Newton until both agree.
+        The weight ``w``, m^5/N^2. None: by marginal likelihood (evidence) in the linearized problem, the least weight
+        for which it is not below ``e^-2`` of the greatest, chosen anew with the steps of Gauss and Newton until both
+        agree.
     prior
         Mean and standard deviation of every coefficient, N/m, known before, as for :class:`TipForce`; the spline stays
         between its least and largest coefficient. Default: nothing is known but that it is smooth. Forces along the

@@ -42,6 +42,7 @@ def force_report(estimate: ForceEstimate) -> str:
             told = f"{'not determined':>23}"
         lines.append(f"  {label:<22}{told}   {unit}")
     lines += _magnitudes(estimate)
+    lines += _places(estimate)
     if estimate.undetermined:
         lines += ["", "  Not determined:", *(f"    {each}" for each in estimate.undetermined)]
     if estimate.alternatives:
@@ -91,6 +92,21 @@ def _magnitudes(estimate: ForceEstimate) -> list[str]:
         for axis in axes:
             told = ", ".join(f"{x:+.2f}" for x in axis.direction)
             lines.append(_row("", f"sd {axis.standard_deviation:.2g} N along ({told})"))
+    return lines
+
+
+def _places(estimate: ForceEstimate) -> list[str]:
+    """Where contacts can be, and how likely other numbers of them are."""
+    sets = estimate.arc_length_set
+    if sets is None:
+        return []
+    every = sets if len(estimate.case.contacts) > 1 else [sets]
+    lines = [""]
+    for k, intervals in enumerate(every):
+        told = " or ".join(f"{1e3 * a:.1f} to {1e3 * b:.1f} mm" for a, b in intervals)
+        lines.append(_row("place, 95 %" if len(every) == 1 else f"place {k}, 95 %", told))
+    for row in estimate.evidence:
+        lines.append(_row(f"{row.contacts} contacts", f"loss {row.loss:.2f}, criterion (BIC) {row.criterion:.1f}"))
     return lines
 
 

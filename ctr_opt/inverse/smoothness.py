@@ -7,6 +7,8 @@ and what else is known of the loads, and the roughness ``x' R x`` (MacKay, Neura
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import attrs
 import numpy as np
 
@@ -15,6 +17,7 @@ from .force_case import Case
 from .load_solver import Normal, State
 
 _ROUGHEST, _SMOOTHEST = -12, 0  # powers of ten where the search ends, by the weight of equal traces of data and prior
+_LIKELY = 2.0  # how much less likely, as a logarithm, a weight may be than the best
 _SAME = 0.05  # relative change of weights that are not chosen anew
 _ROUNDS = 8
 _NEARLY = 0.3  # standard deviations: how close to the least loss a weight is chosen
@@ -46,7 +49,10 @@ def smoothest(case: Case, start: State) -> tuple[Case, State | None]:
 
 
 def likeliest(case: Case, state: State) -> float:
-    """The weight of greatest marginal likelihood, to first order around a state."""
+    """The least weight whose marginal likelihood is not far below the greatest, to first order around a state.
+
+    Where measurements tell little a straight line is the likeliest of all, and its errors are far too small.
+    """
     from scipy.linalg import eigh
     from scipy.optimize import minimize_scalar
 
@@ -66,7 +72,19 @@ def likeliest(case: Case, state: State) -> float:
     grid = np.log(10.0) * np.arange(_ROUGHEST, _SMOOTHEST + 1)
     best = float(grid[np.argmin([unlikely(each) for each in grid])])
     found = minimize_scalar(unlikely, bounds=(best - np.log(10.0), best + np.log(10.0)), method="bounded")
-    return unit * float(np.exp(found.x))
+    return unit * float(np.exp(_least(unlikely, float(found.x), float(grid[0]))))
+
+
+def _least(unlikely: Callable[[float], float], best: float, lowest: float) -> float:
+    """The least logarithm of a weight that is not much less likely than the best."""
+    from scipy.optimize import brentq
+
+    allowed = unlikely(best) + _LIKELY
+    steps = np.arange(best, lowest, -0.5 * np.log(10.0))
+    beyond = next((float(step) for step in steps if unlikely(step) > allowed), None)
+    if beyond is None:
+        return lowest
+    return float(brentq(lambda step: unlikely(step) - allowed, beyond, min(beyond + 0.5 * np.log(10.0), best)))
 
 
 def _linearized(case: Case, state: State) -> tuple[Array, Array]:
