@@ -193,6 +193,23 @@ def test_a_contact_is_found_where_it_is(pushed, share):
     assert found.labels == ("force.x", "force.y", "force.z", "arc_length")
 
 
+def test_an_estimate_stays_what_it_was_when_its_problem_goes_on(pushed):
+    """What is told of it only later is of its own actuation, though the next one uses the same model."""
+    robot, actuation, force, free = pushed
+    problem = ctr.ForceEstimationProblem(robot, [ctr.PointForce()], compiled=True)
+    found = []
+    for turn in (0.0, 0.4):
+        pose = ctr.Actuation(actuation.rotations + turn, actuation.translations - 0.01 * turn)
+        load = ctr.PointWrench(force, arc_length=0.7 * free.length)
+        shape = ctr.ForwardProblem(robot).solve(pose, [load])
+        s = np.linspace(0.02, 0.15, 15)
+        found.append((pose, ctr.PositionMeasurement(s, shape.position(s), SIGMA)))
+    first, _ = (problem.solve(*each) for each in found)
+    alone = ctr.ForceEstimationProblem(robot, [ctr.PointForce()], compiled=True).solve(*found[0])
+    np.testing.assert_allclose(first.arc_length_set, alone.arc_length_set, rtol=1e-6)
+    np.testing.assert_allclose(first.shape.tip_position, alone.shape.tip_position, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

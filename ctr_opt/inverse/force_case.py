@@ -219,7 +219,7 @@ class Case:
         losses = {size: Loss(loss, size) for size in set(sizes.tolist())}
         comparison = Comparison([experiment.measurements], _whitener(loss))
         seen = Seen(comparison, starts, sizes, losses, orders(experiment))
-        search = Search(model, unit, float(ends.max()), sought, seen)
+        search = Search(model, experiment.actuation, unit, float(ends.max()), sought, seen)
         return cls(robot, experiment, numbered, errors, loss, compiled, ends, search, forces, numbered.roughness())
 
     def serves(self, experiment: Experiment, errors: Errors, unknown: tuple[UnknownLoad, ...]) -> bool:
@@ -238,13 +238,12 @@ class Case:
     def again(self, experiment: Experiment, ends: Array) -> Case:
         """The same for an experiment that it serves."""
         search = self.search
-        search.model.actuated(experiment.actuation)
         sought = search.sought
         if not np.array_equal(ends, self.ends):
             scale, lower, upper = extent(self.robot, self.numbered, ends)
             sought = attrs.evolve(sought, scale=scale, lower=lower, upper=upper)
         seen = attrs.evolve(search.seen, comparison=Comparison([experiment.measurements], _whitener(self.loss)))
-        search = Search(search.model, search.unit, float(ends.max()), sought, seen)
+        search = Search(search.model, experiment.actuation, search.unit, float(ends.max()), sought, seen)
         return attrs.evolve(self, experiment=experiment, ends=ends, search=search)
 
     @property

@@ -81,7 +81,6 @@ class Sample:
         search, state = self.search, self.state
         x = np.clip(mean * self.unit, search.sought.lower, search.sought.upper)
         step = x - state.x
-        search.model.actuated(self.actuation)
         z = state.z + state.follow @ np.concatenate(([1.0], step))
         found = search.at(z, x, self.normal.places(state, step), state.e)
         return self if found is None else Sample.of(self.time, self.actuation, search, self.unit, found)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DefinitionError, EstimationError
+from ..robot.actuation import Actuation
 from ..robot.checks import Array
 from .comparison import Comparison
 from .loaded_model import LoadedModel
@@ -152,9 +153,10 @@ class State:
 
 @attrs.frozen(eq=False)
 class Search:
-    """Measurements of one robot at rest, and the loads sought."""
+    """Measurements of one robot at rest, and the loads sought; the model may be shared with searches elsewhere."""
 
     model: LoadedModel
+    actuation: Actuation
     unit: Array
     length: float
     sought: Sought
@@ -166,6 +168,7 @@ class Search:
     def at(self, z: Array, x: Array, places: Array, e: Array) -> State | None:
         """The state there; None where the model cannot be evaluated."""
         sought, n = self.sought, self.model.unknowns
+        self.model.actuated(self.actuation)
         try:
             told = self.model.at(z, sought.mixing @ x, places * self.length)
         except (EstimationError, DefinitionError):  # steps that cannot be laid out, or numbers without measure
