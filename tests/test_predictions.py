@@ -76,7 +76,7 @@ def tangent(result, probe, ends):
     return -sum(w * p for w, p in zip(np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0 / h, poses, strict=True))
 
 
-CASES = [(0, False), (1, False), (2, False), (5, False), (0, True), (1, True)]  # seeds, and whether with body loads
+CASES = [(0, False), (1, False), (2, False), (0, True), (1, True)]  # seeds, and whether with body loads
 
 
 @pytest.mark.parametrize(("seed", "body"), CASES)
