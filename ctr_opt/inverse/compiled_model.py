@@ -96,9 +96,7 @@ class CompiledModel:
                 probe += 1
             else:
                 assert request.tube is not None
-                by_z = np.zeros((len(z), 1, slopes.shape[2]))
-                by_z[:, 0, 2 + request.tube] = -1.0
-                found.append(Predicted(-z[:, 2 + request.tube, None], by_z))
+                found.append(torque_of(z, request.tube, slopes.shape[2]))
         return told.residual, found, slopes
 
     def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], s: Array) -> Predictions:
@@ -133,17 +131,26 @@ def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]
     return joints
 
 
+def torque_of(z: Array, tube: int, columns: int) -> Predicted:
+    """An actuator's torque, by base moments ``z (E, unknowns)`` alone, and as many columns of slopes."""
+    slopes = np.zeros((len(z), 1, columns))
+    slopes[:, 0, 2 + tube] = -1.0
+    return Predicted(-z[:, 2 + tube, None], slopes)
+
+
+def probe_of(request: Request, longest: int, s: float = 0.0) -> Probe:
+    """Where a pose is asked for; that of a point somewhere on the ``longest`` tube at ``s``."""
+    if isinstance(request.place, Somewhere):
+        return Probe(s, longest)
+    if isinstance(request.place, Distal):
+        return Probe(None, request.place.tube)
+    return Probe(request.place, request.tube)
+
+
 def _probes(requests: Sequence[Request], longest: int, s: list[float]) -> list[Probe]:
     """The probes of an experiment, those of points somewhere on its longest tube."""
     somewhere = iter(s)
-    return [
-        Probe(next(somewhere), longest)
-        if isinstance(request.place, Somewhere)
-        else Probe(None, request.place.tube)
-        if isinstance(request.place, Distal)
-        else Probe(request.place, request.tube)
-        for request in requests
-    ]
+    return [probe_of(each, longest, next(somewhere) if isinstance(each.place, Somewhere) else 0.0) for each in requests]
 
 
 def euler_rates(angles: Array) -> Array:

@@ -229,6 +229,7 @@ class Case:
             own.requests == experiment.requests
             and [type(each) for each in own.measurements] == [type(each) for each in experiment.measurements]
             and own.loads == experiment.loads
+            and np.argmax(self.ends) == np.argmax(tube_ends(self.robot, experiment.actuation))
             and len(self.numbered.unknown) == len(unknown)
             and extents(self.numbered.unknown) == extents(unknown)
             and self.errors.names == errors.names

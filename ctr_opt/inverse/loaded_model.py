@@ -14,14 +14,14 @@ import numpy as np
 
 from ..errors import EstimationError
 from ..mechanics.sections import Configuration
-from ..predictions import Predictions, Probe
+from ..predictions import Predictions
 from ..robot.actuation import Actuation
 from ..robot.checks import Array
 from ..robot.loads import Load
 from ..robot.parameters import parameters
 from ..robot.robot import Robot
-from .compiled_model import compilable
-from .measurements import Distal, Found, Predicted, Request, Somewhere, Stacked
+from .compiled_model import compilable, probe_of, torque_of
+from .measurements import Found, Predicted, Request, Somewhere, Stacked
 from .model import GroupModel
 
 
@@ -79,7 +79,7 @@ class _Compiled:
         ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
         longest = int(np.argmax(ends))
         poses = [request for request in requests if request.kind == "pose"]
-        probes = [_probe(request, longest) for request in poses]
+        probes = [probe_of(request, longest) for request in poses]
         self._model = Predictions(robot, [*names, *others], [(actuation, loads)], [probes])
         somewhere = [k for k, request in enumerate(poses) if isinstance(request.place, Somewhere)]
         self._places = [self._model.numbers(f"probes[{k}].arc_length") for k in somewhere]
@@ -110,22 +110,8 @@ class _Compiled:
                 found.append(Predicted(told.poses[:, probe], told.rates[:, probe]))
                 probe += 1
             else:
-                found.append(_torque(z, request.tube or 0, told.slopes.shape[2]))
+                found.append(torque_of(z[None], request.tube or 0, told.slopes.shape[2]))
         return Told(told.residual[0], told.slopes[0], found)
-
-
-def _probe(request: Request, longest: int) -> Probe:
-    if isinstance(request.place, Somewhere):
-        return Probe(0.0, longest)
-    if isinstance(request.place, Distal):
-        return Probe(None, request.place.tube)
-    return Probe(request.place, request.tube)
-
-
-def _torque(z: Array, tube: int, columns: int) -> Predicted:
-    slopes = np.zeros((1, 1, columns))
-    slopes[0, 0, 2 + tube] = -1.0
-    return Predicted(-z[None, 2 + tube, None], slopes)
 
 
 class _Symbolic:
