@@ -122,7 +122,7 @@ class DistributedForce:
     @property
     def sought(self) -> tuple[Sought, ...]:
         """The coefficients, three numbers each."""
-        return tuple(Sought(0, "density", 3, vector(f"coefficients[{k}]")) for k in range(self.coefficients))
+        return tuple(Sought(0, "density", 3, vector(f"force_density[{k}]")) for k in range(self.coefficients))
 
     @property
     def taken(self) -> list[tuple[int, str]]:

@@ -39,6 +39,8 @@ _UNITS = (  # how a number is told: the end of its parameter's name, factor, uni
     ("rotation_offset", 180.0 / np.pi, "deg"),
     ("rotations", 180.0 / np.pi, "deg"),
     ("force", 1.0, "N"),
+    ("force_density", 1.0, "N/m"),
+    (".density", 1.0, "kg/m^3"),
     ("moment", 1e3, "N mm"),
     ("curvature", 1.0, "1/m"),
     ("coefficients", 1.0, "1/m"),

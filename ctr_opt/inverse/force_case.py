@@ -290,6 +290,16 @@ class Case:
         """Known loads and those sought, with these numbers."""
         return self.numbered.loads_at(self.experiment.loads, self.search.sought.mixing @ x)
 
+    def slopes_of(self, measurement: Measurement, state: State, steps: Callable[[], int]) -> Array:
+        """How another measurement, at given places, would follow loads and errors at a state: ``(numbers, k + q)``."""
+        experiment = attrs.evolve(self.experiment, measurements=(measurement,))
+        unknown, errors = self.numbered.unknown, self.errors
+        other = Case.of(self.robot, experiment, unknown, errors, "squared", self.compiled, steps, ())
+        found = other.search.at(state.z, state.x, np.zeros(0), state.e)
+        if found is None:
+            raise EstimationError("the model cannot be evaluated at the estimate")
+        return found.slopes
+
     def whitener(self, measurement: Measurement) -> Array:
         """By what a measurement's residuals are multiplied."""
         return np.asarray(_whitener(self.loss)(measurement))

@@ -63,7 +63,7 @@ class Systematic(Imperfection):
     rates
         By what an error of size 1 changes the estimates, SI.
     force_rate
-        The same of the force ``(3,)``, or of several forces ``(k, 3)``, N over the unit.
+        The same of the force ``(3,)``, or of several forces ``(k, 3)``, N over the unit; of distributed ones the total.
     """
 
     degrees_of_freedom: int
@@ -127,31 +127,31 @@ def systematic_errors(case: Case, state: State, freedom: int, steps: Callable[[]
     effects = _effects(case, state, errors, steps)
     effects[:, np.linalg.norm(effects, axis=0) < _IDLE] = 0.0
     rates, left = _absorbed(case.search, state, effects)
-    parts = case.numbered.where("force")
+    resultants = case.numbered.resultants
     weights = list(np.eye(len(errors)))
     for own in (slice(0, 3), slice(3, 6)):  # the axes of shifts and of tilts
-        first, forces = errors[own.start], np.vstack([rates[part, own] for part in parts])
+        first, forces = errors[own.start], np.vstack([rows @ rates[:, own] for rows in resultants])
         for which, direction in _worst(left[:, own], forces).items():
             changes = dict.fromkeys(first.changes, direction)
             errors.append(Imperfection(first.kind, f"{first.kind} of the base, {which}", first.unit, changes))
             weights.append(direction @ weights[own])
     return [
-        _told(error, freedom, effects @ own, rates @ own, left @ own, parts)
+        _told(error, freedom, effects @ own, rates @ own, left @ own, resultants)
         for error, own in zip(errors, weights, strict=True)
     ]
 
 
 def _told(
-    error: Imperfection, freedom: int, effect: Array, moves: Array, left: Array, parts: Sequence[slice]
+    error: Imperfection, freedom: int, effect: Array, moves: Array, left: Array, resultants: Sequence[Array]
 ) -> Systematic:
     kept = float(left @ left)
-    forces = np.array([moves[part] for part in parts])
+    forces = np.array([rows @ moves for rows in resultants])
     return Systematic(
         **attrs.asdict(error, recurse=False),
         degrees_of_freedom=freedom,
         noncentrality=kept if kept > _ABSORBED * float(effect @ effect) else 0.0,
         rates=moves,
-        force_rate=forces if len(parts) > 1 else forces[0],
+        force_rate=forces if len(resultants) > 1 else forces[0],
     )
 
 

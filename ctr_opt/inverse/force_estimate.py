@@ -12,7 +12,7 @@ import numpy as np
 from ..equilibrium import Equilibrium
 from ..errors import DefinitionError
 from ..forward import ForwardProblem
-from ..robot.checks import Array
+from ..robot.checks import Array, array
 from ..robot.loads import Load
 from .contact_number import Evidence
 from .contact_profile import LEVEL, Profile
@@ -20,13 +20,15 @@ from .distributed_force import DistributedForce
 from .force_case import Case
 from .force_errors import CONSISTENT, Systematic, systematic_errors
 from .load_solver import BLIND, Normal, State
+from .measurements import PositionMeasurement
 from .places import free
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OPEN = 3.0  # characteristic forces: with a larger standard deviation a direction is undetermined
-_MANY, _TERMS = 8, 4  # of so many numbers that a direction is made of the largest are told
+_SHOWN = 121  # places along a distributed force
+_MANY = 8  # numbers: with more of them, the forces alone are told
 _LIKELY = 8.0  # excess loss up to which another solution is told: e^-8 is 1 in 3,000
 
 
@@ -79,24 +81,39 @@ class ForceEstimate:
         found = [rows @ self.state.x for rows in self.case.numbered.resultants]
         return np.array(found) if len(found) > 1 else found[0]
 
-    def density(self, s: Any) -> tuple[Array, Array]:
+    def density(self, s: Any, number: int | None = None) -> tuple[Array, Array]:
         """The distributed force ``(..., 3)`` at arc lengths ``s``, N/m, and its standard deviations.
 
-        Zero where it does not act. Of the first one, if several are sought.
+        Zero where it does not act. ``number``: of which unknown load; None: of the first distributed force.
 
         Raises
         ------
         DefinitionError
             None is sought.
         """
-        for part, unknown in zip(self.case.numbered.parts, self.case.numbered.unknown, strict=True):
-            if isinstance(unknown, DistributedForce):
-                basis = np.nan_to_num(unknown.spline(np.asarray(s, dtype=np.float64)))
-                count = unknown.coefficients
-                covariance = self.covariance[part, part].reshape(count, 3, count, 3)
-                variances = np.einsum("...i,iaja,...j->...a", basis, covariance, basis)
-                return basis @ self.state.x[part].reshape(count, 3), np.sqrt(variances)
-        raise DefinitionError("density: no DistributedForce is among the unknown loads")
+        if not self.distributed:
+            raise DefinitionError("density: no DistributedForce is among the unknown loads")
+        if number is not None and number not in self.distributed:
+            raise DefinitionError(f"density: unknown[{number}] is no DistributedForce; these are {self.distributed}")
+        number = self.distributed[0] if number is None else number
+        part, unknown = self.case.numbered.parts[number], self.case.numbered.unknown[number]
+        assert isinstance(unknown, DistributedForce)
+        basis = np.nan_to_num(unknown.spline(np.asarray(s, dtype=np.float64)))
+        count = unknown.coefficients
+        covariance = self.covariance[part, part].reshape(count, 3, count, 3)
+        variances = np.einsum("...i,iaja,...j->...a", basis, covariance, basis)
+        return basis @ self.state.x[part].reshape(count, 3), np.sqrt(variances)
+
+    @property
+    def distributed(self) -> list[int]:
+        """Which unknown loads are distributed forces."""
+        return [k for k, each in enumerate(self.case.numbered.unknown) if isinstance(each, DistributedForce)]
+
+    def stretch(self, number: int, count: int = _SHOWN) -> Array:
+        """So many arc lengths along a distributed force, from its start to its end, m."""
+        unknown = self.case.numbered.unknown[number]
+        assert isinstance(unknown, DistributedForce)
+        return np.linspace(unknown.start, unknown.end or 0.0, count)
 
     @property
     def moment(self) -> Array | None:
@@ -190,6 +207,41 @@ class ForceEstimate:
         variances = 1.0 / np.maximum(values, BLIND**-2 * 1e-6)
         return np.asarray((vectors * variances) @ vectors.T * np.outer(scale, scale))
 
+    def position(self, s: Any) -> tuple[Array, Array]:
+        """Where the backbone is at arc lengths ``s``: positions ``(..., 3)``, m, and covariances ``(..., 3, 3)``, m^2.
+
+        The errors of the loads move the robot, and those of the calibration and of the actuation, if they were given,
+        to first order: the position is that of :attr:`shape`, which knows nothing of the latter, and what they add.
+
+        Raises
+        ------
+        DefinitionError
+            An arc length that is not on the robot.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)])
+        >>> held = ctr.Actuation([0.0], [0.0])
+        >>> seen = ctr.ForwardProblem(rod).solve(held).position([0.05, 0.1])
+        >>> problem = ctr.ForceEstimationProblem(rod, [ctr.TipForce()])
+        >>> estimate = problem.solve(held, ctr.PositionMeasurement([0.05, 0.1], seen, sigma=1e-4))
+        >>> position, covariance = estimate.position(0.1)
+        >>> position.shape, bool(covariance[1, 1] < 1e-8)
+        ((3,), True)
+        """
+        given = array(s, "s", (None,) * np.ndim(s), unit="m")
+        places = self.shape.shape.inside(given.ravel(), self.shape.length, "the robot")
+        seen = PositionMeasurement(places, np.zeros((len(places), 3)), sigma=1.0)
+        slopes = self.case.slopes_of(seen, self.state, lambda: self.shape.solved().steps).reshape(len(places), 3, -1)
+        k, matrix = len(self.state.x), self._normal.matrix
+        gain = np.linalg.solve(matrix[k:, k:], matrix[k:, :k])
+        by_loads, by_errors = slopes[:, :, :k] - slopes[:, :, k:] @ gain, slopes[:, :, k:]
+        found = by_loads @ self.covariance @ by_loads.transpose(0, 2, 1)
+        found += by_errors @ np.linalg.solve(matrix[k:, k:], by_errors.transpose(0, 2, 1))
+        positions = self.shape.position(places) + slopes[:, :, k:] @ self.state.e
+        return positions.reshape(*given.shape, 3), np.asarray(found.reshape(*given.shape, 3, 3))
+
     @cached_property
     def deviations(self) -> Array:
         """Standard deviations of the numbers of :attr:`labels`, SI."""
@@ -217,20 +269,44 @@ class ForceEstimate:
 
     @cached_property
     def undetermined(self) -> list[str]:
-        """What the measurements cannot tell, in words: directions with a standard deviation of ``OPEN`` and more."""
-        values, vectors, _ = self._split
+        """What the measurements cannot tell, in words: directions with a standard deviation of ``OPEN`` and more.
+
+        Of a distributed force the places where its density along an axis has so large a one, over the length.
+        """
+        numbered, scale = self.case.numbered, self.case.search.sought.scale
+        own = np.ones(len(self.labels), dtype=bool)
+        for part in numbered.where("density"):
+            own[part] = False
+        within = self.covariance[np.ix_(own, own)] / np.outer(scale[own], scale[own])
+        variances, vectors = np.linalg.eigh(within)
         found = []
-        for value, vector in zip(values, vectors.T, strict=True):
-            if value < OPEN**-2:
-                found.append(self._described(vector, np.sqrt(1.0 / value) if value > BLIND**-2 else np.inf))
+        for variance, vector in zip(variances[::-1], vectors.T[::-1], strict=True):
+            if variance > OPEN**2:
+                whole = np.zeros(len(scale))
+                whole[own] = vector
+                found.append(self._described(whole, np.sqrt(variance) if variance < BLIND**2 else np.inf))
+        return found + [told for number in self.distributed for told in self._open_stretches(number)]
+
+    def _open_stretches(self, number: int) -> list[str]:
+        """Where the density of an unknown load is not known, along each axis."""
+        s = self.stretch(number)
+        errors = self.density(s, number)[1] / self.characteristic_force * self.case.search.length
+        found = []
+        for axis, own in zip("xyz", errors.T, strict=True):
+            edges = np.flatnonzero(np.diff(np.concatenate(([False], own > OPEN, [False])).astype(int)))
+            every = [1e3 * s[[first, last - 1]] for first, last in zip(edges[::2], edges[1::2], strict=True)]
+            if every:
+                where = " and ".join(f"{start:.0f} to {end:.0f} mm" for start, end in every)
+                size = float(own.max()) * self.characteristic_force / self.case.search.length
+                told = f"sd up to {size:.2g} N/m" if own.max() < BLIND else "nothing is known in places"
+                found.append(f"force per length along {axis}, {where}: undetermined, {told}")
         return found
 
     def _described(self, vector: Array, deviation: float) -> str:
         scale = self.case.search.sought.scale
+        vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
         parts = [(vector[k], label) for k, label in enumerate(self.labels) if abs(vector[k]) > 0.05]
-        largest = sorted(parts, key=lambda part: -abs(part[0]))[:_TERMS] if len(parts) > _MANY else parts
-        terms = " ".join(f"{'-' if part < 0.0 else '+'} {abs(part):.2g} {label}" for part, label in largest)
-        terms += " and others" if len(largest) < len(parts) else ""
+        terms = " ".join(f"{'-' if part < 0.0 else '+'} {abs(part):.2g} {label}" for part, label in parts)
         what = terms.removeprefix("+ ") if len(parts) > 1 else parts[0][1]
         forces, unit = [k for k in range(len(vector)) if self.case.forces[k]], "SI"
         if len(self.case.numbered.where("force")) == 1 and np.linalg.norm(vector[forces]) > 0.99:
@@ -308,11 +384,13 @@ class ForceEstimate:
 
     def plot(self) -> Figure:
         """The shape beside what was measured, and confidence ellipses of the force."""
-        from .force_report import figure_force
+        from .force_plots import figure_force
 
         return figure_force(self)
 
     def __repr__(self) -> str:
+        if len(self.labels) > _MANY:
+            return f"<ForceEstimate: {len(self.labels)} numbers, force = {np.round(self.force, 4).tolist()} N>"
         told = ", ".join(
             f"{label} = {x:.4g} +- {s:.2g}" for (label, x), s in zip(self.values.items(), self.deviations, strict=True)
         )

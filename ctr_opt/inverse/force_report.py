@@ -1,26 +1,19 @@
-"""What an estimate of loads says, as text and as a figure."""
+"""What an estimate of loads says, as text."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..plotting import draw_backbone
-from ..robot.checks import Array
 from .fit_report import unit_of
-from .measurements import BackboneMeasurement, PositionMeasurement
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from .force_errors import Systematic
     from .force_estimate import ForceEstimate
 
 _MOST = 30.0  # characteristic sizes: a number with a larger standard deviation is not told
-_INSIDE = 0.95  # probability of the confidence ellipses
-_PLANES = ((0, 2), (1, 2), (0, 1))
-_AXES = "xyz"
+_ROWS = 7  # places along a distributed force that are told
 
 
 def force_report(estimate: ForceEstimate) -> str:
@@ -31,16 +24,9 @@ def force_report(estimate: ForceEstimate) -> str:
     shape = estimate.shape
     tip = ", ".join(f"{1e3 * x:.3f}" for x in shape.tip_position)
     lines.append(_row("shape", f"{stable[estimate.is_stable]}, tip at ({tip}) mm"))
-    lines += ["", f"  {'':<22}{'estimate':>12}{'+-':>11}   unit"]
-    every = zip(
-        estimate.labels, estimate.estimates, estimate.deviations, estimate.case.search.sought.scale, strict=True
-    )
-    for label, value, error, scale in every:
-        factor, unit = unit_of(label)
-        told = f"{factor * value:>12.4g}{factor * error:>11.2g}"
-        if error > _MOST * scale:
-            told = f"{'not determined':>23}"
-        lines.append(f"  {label:<22}{told}   {unit}")
+    lines += _numbers(estimate)
+    for number in estimate.distributed:
+        lines += _densities(estimate, number)
     lines += _magnitudes(estimate)
     lines += _places(estimate)
     if estimate.undetermined:
@@ -57,6 +43,35 @@ def force_report(estimate: ForceEstimate) -> str:
 
 def _row(name: str, value: str) -> str:
     return f"  {name:<22}{value}"
+
+
+def _numbers(estimate: ForceEstimate) -> list[str]:
+    """A line for each number, but for those of distributed forces."""
+    spline = {k for part in estimate.case.numbered.where("density") for k in range(part.start, part.stop)}
+    lines = []
+    scales = estimate.case.search.sought.scale
+    every = zip(estimate.labels, estimate.estimates, estimate.deviations, scales, strict=True)
+    for k, (label, value, error, scale) in enumerate(every):
+        factor, unit = unit_of(label)
+        told = f"{factor * value:>12.4g}{factor * error:>11.2g}"
+        if error > _MOST * scale:
+            told = f"{'not determined':>23}"
+        if k not in spline:
+            lines.append(f"  {label:<22}{told}   {unit}")
+    return ["", f"  {'':<22}{'estimate':>12}{'+-':>11}   unit", *lines] if lines else []
+
+
+def _densities(estimate: ForceEstimate, number: int) -> list[str]:
+    """Of a distributed force, at some places."""
+    named = f"unknown[{number}], " if len(estimate.case.numbered.unknown) > 1 else ""
+    lines = ["", f"  {named + 'force per length [N/m]':<24}" + "".join(f"{axis:>11}{'+-':>9}" for axis in "xyz")]
+    shown = estimate.stretch(number, _ROWS)
+    most = _MOST * estimate.characteristic_force / estimate.case.search.length
+    for s, values, errors in zip(shown, *estimate.density(shown, number), strict=True):
+        both = zip(values, errors, strict=True)
+        told = [f"{x:>11.3g}{e:>9.2g}" if e < most else f"{'not determined':>20}" for x, e in both]
+        lines.append(f"    at {1e3 * s:6.1f} mm{'':<11}" + "".join(told))
+    return lines
 
 
 def _consistency(estimate: ForceEstimate) -> str:
@@ -87,7 +102,8 @@ def _magnitudes(estimate: ForceEstimate) -> list[str]:
             continue
         size = float(np.linalg.norm(force))
         unit = force / size if size else np.zeros(3)
-        name = "magnitude" if len(forces) == 1 else f"magnitude of {k}"
+        name = "total" if k in estimate.distributed else "magnitude"
+        name += f" of {k}" if len(forces) > 1 else ""
         lines += ["", _row(name, f"{size:.4g} +- {np.sqrt(unit @ covariance @ unit):.2g} N")]
         for axis in axes:
             told = ", ".join(f"{x:+.2f}" for x in axis.direction)
@@ -108,65 +124,3 @@ def _places(estimate: ForceEstimate) -> list[str]:
     for row in estimate.evidence:
         lines.append(_row(f"{row.contacts} contacts", f"loss {row.loss:.2f}, criterion (BIC) {row.criterion:.1f}"))
     return lines
-
-
-# -- figure ------------------------------------------------------------------------------------------------------------
-
-
-def figure_force(estimate: ForceEstimate) -> Figure:
-    """The shape with what was measured in two planes, and the confidence ellipse of the force in three."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
-    grid = figure.add_gridspec(2, 6, height_ratios=(1.3, 1.0))
-    for column, plane in enumerate(((2, 0), (2, 1))):
-        _draw_shape(estimate, figure.add_subplot(grid[0, 3 * column : 3 * column + 3]), plane)
-    for column, plane in enumerate(_PLANES):
-        _draw_ellipses(estimate, figure.add_subplot(grid[1, 2 * column : 2 * column + 2]), plane)
-    return figure
-
-
-def _draw_shape(estimate: ForceEstimate, ax: Any, plane: tuple[int, int]) -> None:
-    shape = estimate.shape
-    draw_backbone(shape, ax, plane)
-    points = _measured(estimate)
-    if len(points):
-        ax.plot(*1e3 * points[:, plane].T, "o", ms=3.5, mfc="none", color="black", label="measured")
-    forces, places = np.atleast_2d(estimate.force), np.atleast_1d(np.array(estimate.arc_length, dtype=object))
-    longest = max(float(np.linalg.norm(force)) for force in forces)
-    for force, place in zip(forces, places, strict=True):
-        start = 1e3 * shape.position(shape.length if place is None else place)[list(plane)]
-        arrow = 300.0 * shape.length * force[list(plane)] / longest if longest else np.zeros(2)
-        ax.annotate("", start + arrow, start, arrowprops={"arrowstyle": "-|>", "color": "#B2182B", "lw": 1.8})
-        ax.plot(*(start + arrow), ".", alpha=0.0)  # so that the axes hold it
-    ax.set(xlabel=f"{_AXES[plane[0]]} [mm]", ylabel=f"{_AXES[plane[1]]} [mm]")
-    ax.set_aspect("equal", adjustable="datalim")
-    if plane == (2, 0):
-        ax.legend(frameon=False, loc="best", fontsize=8)
-
-
-def _measured(estimate: ForceEstimate) -> Array:
-    kinds = PositionMeasurement, BackboneMeasurement
-    found = [each.position for each in estimate.case.experiment.measurements if isinstance(each, kinds)]
-    return np.vstack(found) if found else np.zeros((0, 3))
-
-
-def _draw_ellipses(estimate: ForceEstimate, ax: Any, plane: tuple[int, int]) -> None:
-    from scipy.stats import chi2
-
-    angle = np.linspace(0.0, 2.0 * np.pi, 200)
-    circle = np.sqrt(chi2.ppf(_INSIDE, 2)) * np.vstack((np.cos(angle), np.sin(angle)))
-    forces, covariances = np.atleast_2d(estimate.force), np.reshape(estimate.force_covariance, (-1, 3, 3))
-    for k, (force, covariance) in enumerate(zip(forces, covariances, strict=True)):
-        values, vectors = np.linalg.eigh(covariance[np.ix_(plane, plane)])
-        ring = (vectors * np.sqrt(values)) @ circle + force[list(plane), None]
-        name = "95 % confidence" if len(forces) == 1 else f"force {k}, 95 %"
-        (line,) = ax.plot(*ring, label=name)
-        ax.plot(*force[list(plane)], "+", color=line.get_color())
-    ax.axhline(0.0, color="0.8", lw=0.6, zorder=0)
-    ax.axvline(0.0, color="0.8", lw=0.6, zorder=0)
-    ax.set(xlabel=f"force {_AXES[plane[0]]} [N]", ylabel=f"force {_AXES[plane[1]]} [N]")
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.locator_params(nbins=5)
-    if plane == _PLANES[0]:
-        ax.legend(frameon=False, fontsize=8)

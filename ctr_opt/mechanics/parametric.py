@@ -182,7 +182,7 @@ class Parametric:
     def add(self, key: Key, value: Any, nominal: float, end: Any = None) -> Key:
         """A break point, which is kept in front of the ``end`` of what carries it."""
         if self.clip and end is not None:
-            value = ca.if_else(value < end, value, end)
+            value = ca.if_else(value <= end, value, end)
         self.points[key] = value
         self.nominal[key] = float(nominal)
         return key
