@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import attrs
 import numpy as np
 
 from .errors import DefinitionError
 from .files import load_robot, read_load, tube_index
+from .inverse.contact_number import Contacts
+from .inverse.distributed_force import DistributedForce
 from .inverse.force_estimate import ForceEstimate
 from .inverse.force_estimation import ForceEstimationProblem
 from .inverse.measurements import (
     BackboneMeasurement,
     CurvatureMeasurement,
+    Distal,
     ForceMeasurement,
     Measurement,
+    PoseMeasurement,
     PositionMeasurement,
     TangentMeasurement,
     TorqueMeasurement,
@@ -26,12 +30,20 @@ from .inverse.measurements import (
 from .inverse.unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 from .reading import at, read_toml
 from .robot.actuation import Actuation
+from .robot.checks import Array
 from .robot.loads import Load
 from .robot.robot import Robot
 from .unit_tables import read_columns
 
+if TYPE_CHECKING:
+    from .schemas import Strict
+
+Made = TypeVar("Made")
+
 _MOST = 4.0  # standard errors that an estimate from synthetic data may be off the truth
 _POINTS, _CURVATURES = {"x": "m", "y": "m", "z": "m"}, {"s": "m", "u_x": "1/m", "u_y": "1/m"}
+_DENSITY = {"s": "m", "f_x": "N/m", "f_y": "N/m", "f_z": "N/m"}
+_WITHIN, _SHARE = 2.0, 0.85  # standard errors of a density, and the share of it that is no farther off
 
 
 @attrs.frozen(eq=False)
@@ -66,18 +78,7 @@ class ForceProblem:
 
     def verdicts(self, estimate: ForceEstimate) -> dict[str, bool]:
         """What the file says of the answer, in words, and whether it is so."""
-        found: dict[str, bool] = {}
-        if "force" in self.truth:
-            off = np.atleast_2d(estimate.force)[0] - self.truth["force"]
-            covariance = np.reshape(estimate.force_covariance, (-1, 3, 3))[0]
-            size = float(np.sqrt(off @ np.linalg.solve(covariance, off)))
-            told = f"force {np.linalg.norm(off):.2g} N off the truth, {size:.1f} standard errors ({_MOST:g} allowed)"
-            found[told] = size <= _MOST
-        if "arc_length" in self.truth:
-            (place, *_), (error, *_) = np.atleast_1d(estimate.arc_length), np.atleast_1d(estimate.arc_length_error)
-            off = abs(place - self.truth["arc_length"])
-            told = f"place {1e3 * off:.2g} mm off the truth, {off / error:.1f} standard errors ({_MOST:g} allowed)"
-            found[told] = off <= _MOST * error
+        found = dict(self._by_truth(estimate))
         if "standard_errors" in self.expected:
             ratios = estimate.deviations / np.array(self.expected["standard_errors"])
             share = self.expected.get("share", 0.2)
@@ -91,6 +92,30 @@ class ForceProblem:
             words = [each.split(":")[0] for each in estimate.undetermined]
             found[f"undetermined: {', '.join(words) or 'nothing'}"] = words == self.expected["undetermined"]
         return found
+
+    def _by_truth(self, estimate: ForceEstimate) -> Iterator[tuple[str, bool]]:
+        """What synthetic data were made with, beside what was found."""
+        if "contacts" in self.truth:
+            count = len(estimate.case.contacts)
+            yield f"{count} contacts", count == self.truth["contacts"]
+        if "force" in self.truth:
+            off = np.atleast_2d(estimate.force)[0] - self.truth["force"]
+            covariance = np.reshape(estimate.force_covariance, (-1, 3, 3))[0]
+            size = float(np.sqrt(off @ np.linalg.pinv(covariance, hermitian=True) @ off))
+            told = f"force {np.linalg.norm(off):.2g} N off the truth, {size:.1f} standard errors ({_MOST:g} allowed)"
+            yield told, size <= _MOST
+        if "arc_length" in self.truth:
+            (place, *_), (error, *_) = np.atleast_1d(estimate.arc_length), np.atleast_1d(estimate.arc_length_error)
+            off = abs(place - self.truth["arc_length"])
+            told = f"place {1e3 * off:.2g} mm off the truth, {off / error:.1f} standard errors ({_MOST:g} allowed)"
+            yield told, off <= _MOST * error
+        if "density" in self.truth:
+            columns = read_columns(self.path.parent / self.truth["density"], _DENSITY)
+            density, errors = estimate.density(columns["s"])
+            off = np.abs(density - np.column_stack([columns[f"f_{axis}"] for axis in "xyz"])) / errors
+            share = float((off < _WITHIN).mean())
+            told = f"density: {share:.0%} within {_WITHIN:g} standard errors of the truth ({_SHARE:.0%} at least)"
+            yield told, share >= _SHARE
 
 
 def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> ForceProblem:
@@ -114,7 +139,8 @@ def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn"
     >>> load_force_problem("problems/force_tip/problem.toml").problem.unknown
     (TipForce(prior=None),)
     """
-    from .schemas import ForceSchema, load_checked
+    from .force_schemas import ForceSchema
+    from .schemas import load_checked
 
     file = Path(path)
     data = at(file, "", lambda: load_checked(ForceSchema, read_toml(file)))
@@ -143,39 +169,70 @@ def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn"
     )
 
 
-def _unknown(file: Path, robot: Robot, k: int, table: Any) -> UnknownLoad:
-    from .schemas import UNKNOWN_LOAD_SCHEMAS, load_kind
+def _unknown(file: Path, robot: Robot, k: int, table: Any) -> UnknownLoad | Contacts:
+    from .force_schemas import UNKNOWN_LOAD_SCHEMAS
 
-    place = f"unknown[{k}]"
-    kind, values = at(file, place, lambda: load_kind(UNKNOWN_LOAD_SCHEMAS, table))
-    if "tube" in values:
-        values["tube"] = at(file, place, lambda: tube_index(robot, values["tube"]))
-    if "prior" in values:
-        values["prior"] = values["prior"]["mean"], values["prior"]["sigma"]
-    kinds: dict[str, Callable[..., UnknownLoad]] = {
+    kinds: dict[str, Callable[..., UnknownLoad | Contacts]] = {
         "tip_force": TipForce,
         "tip_wrench": TipWrench,
         "point_force": PointForce,
+        "contacts": Contacts,
+        "distributed_force": DistributedForce,
     }
-    return at(file, place, lambda: kinds[kind](**values))
+    return _made(file, robot, f"unknown[{k}]", table, UNKNOWN_LOAD_SCHEMAS, kinds)
 
 
 def _measurement(file: Path, robot: Robot, k: int, table: Any) -> Measurement:
-    from .schemas import MEASUREMENT_SCHEMAS, load_kind
+    from .force_schemas import MEASUREMENT_SCHEMAS
 
-    place = f"measurements[{k}]"
-    kind, values = at(file, place, lambda: load_kind(MEASUREMENT_SCHEMAS, table))
-    if "tube" in values:
-        values["tube"] = at(file, place, lambda: tube_index(robot, values["tube"]))
     kinds: dict[str, Callable[..., Measurement]] = {
         "points": lambda **own: _points(file, **own),
         "tip_position": lambda **own: PositionMeasurement(None, **own),
         "tip_direction": lambda **own: TangentMeasurement(None, **own),
+        "tip_pose": _tip_pose,
         "curvatures": lambda **own: _curvatures(file, **own),
         "torque": TorqueMeasurement,
         "force": ForceMeasurement,
     }
+    return _made(file, robot, f"measurements[{k}]", table, MEASUREMENT_SCHEMAS, kinds)
+
+
+def _made(
+    file: Path,
+    robot: Robot,
+    place: str,
+    table: Any,
+    schemas: Mapping[str, type[Strict]],
+    kinds: Mapping[str, Callable[..., Made]],
+) -> Made:
+    """What a table describes whose ``kind`` names schema and constructor."""
+    from .schemas import load_kind
+
+    kind, values = at(file, place, lambda: load_kind(schemas, table))
+    if "tube" in values:
+        values["tube"] = at(file, place, lambda: tube_index(robot, values["tube"]))
+    if "prior" in values:
+        values["prior"] = _prior(**values["prior"])
     return at(file, place, lambda: kinds[kind](**values))
+
+
+def _prior(**given: Any) -> tuple[Any, Any]:
+    """Mean and standard deviation; of a wrench, both of its force and then of its moment."""
+    if "mean" in given:
+        return given["mean"], given["sigma"]
+    mean = [given.get(f"{name}_mean", 0.0) for name in ("force", "moment")]
+    sigma = [given[f"{name}_sigma"] for name in ("force", "moment")]
+    return _six(*mean), _six(*sigma)
+
+
+def _six(first: Any, last: Any) -> Array:
+    """Three numbers, or one for all three, and three others."""
+    return np.concatenate((np.broadcast_to(first, 3), np.broadcast_to(last, 3)))
+
+
+def _tip_pose(pose: Any, position_sigma: Any, rotation_sigma: Any, tube: int | None = None) -> Measurement:
+    place = None if tube is None else Distal(tube)
+    return PoseMeasurement(place, pose, _six(position_sigma, rotation_sigma), tube)
 
 
 def _points(beside: Path, file: str, sigma: Any, ordered: bool = False) -> Measurement:

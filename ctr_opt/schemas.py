@@ -63,21 +63,22 @@ def _of(size: int | None) -> str:
     return "" if size is None else f" of {size}"
 
 
-def _text(**options: Any) -> fields.String:
+def plain_text(**options: Any) -> fields.String:
+    """A text."""
     return fields.String(error_messages={"invalid": " must be a text"}, **options)
 
 
 class StraightSchema(Strict):
     """``kind = "straight"``."""
 
-    kind = _text()
+    kind = plain_text()
     length = Quantity("m", required=True)
 
 
 class ArcSchema(Strict):
     """``kind = "arc"``."""
 
-    kind = _text()
+    kind = plain_text()
     length = Quantity("m", required=True)
     curvature = Quantity("1/m", 3, scalar_too=True, required=True)
 
@@ -85,7 +86,7 @@ class ArcSchema(Strict):
 class PolynomialSchema(Strict):
     """``kind = "polynomial"``."""
 
-    kind = _text()
+    kind = plain_text()
     length = Quantity("m", required=True)
     coefficients = Quantity("1/m", None, 3, required=True)
 
@@ -93,8 +94,8 @@ class PolynomialSchema(Strict):
 class SampledSchema(Strict):
     """``kind = "sampled"``: lists, or a CSV file of ``s, u_x, u_y, u_z`` in SI."""
 
-    kind = _text()
-    file = _text()
+    kind = plain_text()
+    file = plain_text()
     arc_length = Quantity("m", None)
     curvature = Quantity("1/m", None, 3)
 
@@ -102,7 +103,7 @@ class SampledSchema(Strict):
 class TubeSchema(Strict):
     """``[[tubes]]``."""
 
-    name = _text(required=True)
+    name = plain_text(required=True)
     outer_diameter = Quantity("m", required=True)
     inner_diameter = Quantity("m", required=True)
     youngs_modulus = Quantity("Pa")
@@ -123,14 +124,14 @@ class BaseSchema(Strict):
 class SourceSchema(Strict):
     """``[source]``: where the numbers come from and what they do not claim."""
 
-    text = _text(required=True)
-    does_not_claim = _text()
+    text = plain_text(required=True)
+    does_not_claim = plain_text()
 
 
 class RobotSchema(Strict):
     """A robot file."""
 
-    name = _text()
+    name = plain_text()
     source = fields.Nested(SourceSchema)
     base = fields.Nested(BaseSchema)
     tubes = fields.List(
@@ -151,38 +152,38 @@ class ActuationSchema(Strict):
 class PointSchema(Strict):
     """``kind = "point"``."""
 
-    kind = _text()
+    kind = plain_text()
     force = Quantity("N", 3)
     moment = Quantity("N*m", 3)
     arc_length = Quantity("m")
     tube = fields.Raw()
-    frame = _text()
+    frame = plain_text()
 
 
 class DistributedSchema(Strict):
     """``kind = "distributed"``: constant values, or a CSV file of ``s, f_x, f_y, f_z, l_x, l_y, l_z`` in SI."""
 
-    kind = _text()
+    kind = plain_text()
     force = Quantity("N/m", 3)
     moment = Quantity("N*m/m", 3)
-    file = _text()
+    file = plain_text()
     start = Quantity("m")
     end = Quantity("m")
     tube = fields.Raw()
-    frame = _text()
+    frame = plain_text()
 
 
 class GravitySchema(Strict):
     """``kind = "gravity"``."""
 
-    kind = _text()
+    kind = plain_text()
     acceleration = Quantity("m/s^2", 3, required=True)
 
 
 class PointMassSchema(Strict):
     """``kind = "point_mass"``."""
 
-    kind = _text()
+    kind = plain_text()
     mass = Quantity("kg", required=True)
     arc_length = Quantity("m")
     tube = fields.Raw()
@@ -191,7 +192,7 @@ class PointMassSchema(Strict):
 class DistributedMassSchema(Strict):
     """``kind = "distributed_mass"``."""
 
-    kind = _text()
+    kind = plain_text()
     mass_per_length = Quantity("kg/m", required=True)
     start = Quantity("m")
     end = Quantity("m")
@@ -201,15 +202,15 @@ class DistributedMassSchema(Strict):
 class SolverSchema(Strict):
     """``[solver]``: arguments of ``ForwardProblem``."""
 
-    formulation = _text()
+    formulation = plain_text()
     tolerance = Quantity("1")
-    integrator = _text()
+    integrator = plain_text()
 
 
 class ExpectedSchema(Strict):
     """``[expected]``: what a right answer is, and to which tolerance."""
 
-    text = _text(required=True)
+    text = plain_text(required=True)
     tip_position = Quantity("m", 3)
     tip_height_and_distance = Quantity("m", 2)
     position_tolerance = Quantity("m")
@@ -222,9 +223,9 @@ class ExpectedSchema(Strict):
 class ProblemSchema(Strict):
     """A problem file."""
 
-    title = _text(required=True)
-    description = _text()
-    robot = _text(required=True)
+    title = plain_text(required=True)
+    description = plain_text()
+    robot = plain_text(required=True)
     source = fields.Nested(SourceSchema, required=True)
     actuation = fields.Nested(ActuationSchema, required=True)
     load_tables = fields.List(fields.Raw(), data_key="loads", error_messages={"invalid": " must be tables [[loads]]"})
@@ -235,17 +236,17 @@ class ProblemSchema(Strict):
 class ExpectedTipsSchema(Strict):
     """``[expected]`` of a plan, whose table holds the tips."""
 
-    text = _text(required=True)
+    text = plain_text(required=True)
     position_tolerance = Quantity("m", required=True)
 
 
 class PlanSchema(Strict):
     """A plan of experiments: a problem file whose actuations and tip forces stand in a table."""
 
-    title = _text(required=True)
-    description = _text()
-    robot = _text(required=True)
-    cases = _text(required=True)
+    title = plain_text(required=True)
+    description = plain_text()
+    robot = plain_text(required=True)
+    cases = plain_text(required=True)
     source = fields.Nested(SourceSchema, required=True)
     solver = fields.Nested(SolverSchema)
     expected = fields.Nested(ExpectedTipsSchema)
@@ -261,14 +262,14 @@ class SigmaSchema(Strict):
 class CheckSchema(Strict):
     """``[[checks]]`` of a calibration: a problem that was measured too, and is not fitted."""
 
-    problem = _text(required=True)
+    problem = plain_text(required=True)
     tip_position = Quantity("m", 3, required=True)
 
 
 class ParameterSchema(Strict):
     """An entry of ``parameters`` of a calibration that is more than a name: arguments of ``Parameter``, SI."""
 
-    name = _text(required=True)
+    name = plain_text(required=True)
     prior = fields.Raw()
     bounds = fields.Raw()
     initial = fields.Raw()
@@ -302,11 +303,11 @@ class TruthSchema(Strict):
 class CalibrationSchema(Strict):
     """A calibration: a robot, a table of experiments, and what is to be estimated."""
 
-    title = _text(required=True)
-    description = _text()
-    robot = _text(required=True)
-    experiments = _text(required=True)
-    sensor = _text()
+    title = plain_text(required=True)
+    description = plain_text()
+    robot = plain_text(required=True)
+    experiments = plain_text(required=True)
+    sensor = plain_text()
     parameters = fields.List(Unknown(), required=True)
     losses = fields.List(fields.Str(), load_default=["squared"])
     source = fields.Nested(SourceSchema, required=True)
@@ -314,132 +315,6 @@ class CalibrationSchema(Strict):
     hold_out = fields.Nested(HoldOutSchema)
     checks = fields.List(fields.Nested(CheckSchema), load_default=[])
     truth = fields.Nested(TruthSchema)
-
-
-class PriorSchema(Strict):
-    """``prior`` of an unknown load: mean and standard deviation of its force."""
-
-    mean = Quantity("N", 3, scalar_too=True, required=True)
-    sigma = Quantity("N", 3, scalar_too=True, required=True)
-
-
-class TipForceSchema(Strict):
-    """``kind = "tip_force"``."""
-
-    kind = _text()
-    prior = fields.Nested(PriorSchema)
-
-
-class TipWrenchSchema(Strict):
-    """``kind = "tip_wrench"``."""
-
-    kind = _text()
-
-
-class PointForceSchema(Strict):
-    """``kind = "point_force"``, at an arc length or, without one, somewhere."""
-
-    kind = _text()
-    arc_length = Quantity("m")
-    tube = fields.Raw()
-    prior = fields.Nested(PriorSchema)
-
-
-class PointsSchema(Strict):
-    """``kind = "points"``: a CSV file with columns ``x, y, z`` and, unless nobody knows them, arc lengths ``s``."""
-
-    kind = _text()
-    file = _text(required=True)
-    sigma = Quantity("m", 3, scalar_too=True, required=True)
-    ordered = fields.Bool()
-
-
-class TipPositionSchema(Strict):
-    """``kind = "tip_position"``."""
-
-    kind = _text()
-    position = Quantity("m", 3, required=True)
-    sigma = Quantity("m", 3, scalar_too=True, required=True)
-
-
-class TipDirectionSchema(Strict):
-    """``kind = "tip_direction"``: the tangent at the tip."""
-
-    kind = _text()
-    direction = Quantity("1", 3, required=True)
-    sigma = Quantity("rad", required=True)
-
-
-class CurvaturesSchema(Strict):
-    """``kind = "curvatures"``: a CSV file with columns ``s, u_x, u_y`` of a tube, as of a fibre in it."""
-
-    kind = _text()
-    file = _text(required=True)
-    sigma = Quantity("1/m", 2, scalar_too=True, required=True)
-    tube = fields.Raw()
-
-
-class TorqueSchema(Strict):
-    """``kind = "torque"`` of a tube's actuator."""
-
-    kind = _text()
-    tube = fields.Raw(required=True)
-    torque = Quantity("N*m", required=True)
-    sigma = Quantity("N*m", required=True)
-
-
-class ActuatorForceSchema(Strict):
-    """``kind = "force"`` of a tube's actuator."""
-
-    kind = _text()
-    tube = fields.Raw(required=True)
-    force = Quantity("N", required=True)
-    sigma = Quantity("N", required=True)
-
-
-class MeasuredActuationSchema(ActuationSchema):
-    """``[actuation]`` of a force problem, which may be known with errors only."""
-
-    rotation_sigma = Quantity("rad", None, scalar_too=True)
-    translation_sigma = Quantity("m", None, scalar_too=True)
-
-
-class ForceTruthSchema(Strict):
-    """``[truth]`` of a force problem with synthetic data."""
-
-    force = Quantity("N", 3)
-    arc_length = Quantity("m")
-    seed = fields.Int()
-
-
-class ForceExpectedSchema(Strict):
-    """``[expected]`` of a force problem: which standard deviations, and what is not determined."""
-
-    text = _text(required=True)
-    standard_errors = Quantity("N", None)
-    share = Quantity("1")
-    consistent = fields.Bool()
-    undetermined = fields.List(fields.Str())
-
-
-class ForceSchema(Strict):
-    """A force problem: a robot's actuation, what was measured on it, known loads and unknown ones."""
-
-    title = _text(required=True)
-    description = _text()
-    robot = _text(required=True)
-    loss = _text()
-    source = fields.Nested(SourceSchema, required=True)
-    actuation = fields.Nested(MeasuredActuationSchema, required=True)
-    unknown_loads = fields.List(
-        fields.Raw(), required=True, data_key="unknown", error_messages={"invalid": " must be tables [[unknown]]"}
-    )
-    measurements = fields.List(
-        fields.Raw(), required=True, error_messages={"invalid": " must be tables [[measurements]]"}
-    )
-    load_tables = fields.List(fields.Raw(), data_key="loads", error_messages={"invalid": " must be tables [[loads]]"})
-    truth = fields.Nested(ForceTruthSchema)
-    expected = fields.Nested(ForceExpectedSchema)
 
 
 PIECE_SCHEMAS = {
@@ -454,19 +329,6 @@ LOAD_SCHEMAS = {
     "gravity": GravitySchema,
     "point_mass": PointMassSchema,
     "distributed_mass": DistributedMassSchema,
-}
-UNKNOWN_LOAD_SCHEMAS = {
-    "tip_force": TipForceSchema,
-    "tip_wrench": TipWrenchSchema,
-    "point_force": PointForceSchema,
-}
-MEASUREMENT_SCHEMAS = {
-    "points": PointsSchema,
-    "tip_position": TipPositionSchema,
-    "tip_direction": TipDirectionSchema,
-    "curvatures": CurvaturesSchema,
-    "torque": TorqueSchema,
-    "force": ActuatorForceSchema,
 }
 
 

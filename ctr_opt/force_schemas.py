@@ -1,0 +1,204 @@
+"""What files of force problems may contain."""
+
+from __future__ import annotations
+
+from marshmallow import fields
+
+from .schemas import ActuationSchema, Quantity, SourceSchema, Strict, plain_text
+
+
+class PriorSchema(Strict):
+    """``prior`` of an unknown load: mean and standard deviation of its force."""
+
+    mean = Quantity("N", 3, scalar_too=True, required=True)
+    sigma = Quantity("N", 3, scalar_too=True, required=True)
+
+
+class WrenchPriorSchema(Strict):
+    """``prior`` of an unknown wrench: means, default zero, and standard deviations."""
+
+    force_mean = Quantity("N", 3, scalar_too=True)
+    force_sigma = Quantity("N", 3, scalar_too=True, required=True)
+    moment_mean = Quantity("N*m", 3, scalar_too=True)
+    moment_sigma = Quantity("N*m", 3, scalar_too=True, required=True)
+
+
+class DensityPriorSchema(Strict):
+    """``prior`` of a distributed force: mean and standard deviation of its coefficients."""
+
+    mean = Quantity("N/m", 3, scalar_too=True, required=True)
+    sigma = Quantity("N/m", 3, scalar_too=True, required=True)
+
+
+class TipForceSchema(Strict):
+    """``kind = "tip_force"``."""
+
+    kind = plain_text()
+    prior = fields.Nested(PriorSchema)
+
+
+class TipWrenchSchema(Strict):
+    """``kind = "tip_wrench"``."""
+
+    kind = plain_text()
+    prior = fields.Nested(WrenchPriorSchema)
+
+
+class PointForceSchema(Strict):
+    """``kind = "point_force"``, at an arc length or, without one, somewhere."""
+
+    kind = plain_text()
+    arc_length = Quantity("m")
+    tube = fields.Raw()
+    prior = fields.Nested(PriorSchema)
+    normal = Quantity("1", 3)
+    friction = Quantity("1")
+
+
+class ContactsSchema(Strict):
+    """``kind = "contacts"``: forces at unknown places, in unknown number."""
+
+    kind = plain_text()
+    most = fields.Int(strict=True)
+    tube = fields.Raw()
+    prior = fields.Nested(PriorSchema)
+
+
+class DistributedForceSchema(Strict):
+    """``kind = "distributed_force"``: a smooth force along a tube."""
+
+    kind = plain_text()
+    coefficients = fields.Int(strict=True)
+    start = Quantity("m")
+    end = Quantity("m")
+    tube = fields.Raw()
+    degree = fields.Int(strict=True)
+    smoothness = Quantity("1")
+    prior = fields.Nested(DensityPriorSchema)
+
+
+class PointsSchema(Strict):
+    """``kind = "points"``: a CSV file with columns ``x, y, z`` and, unless nobody knows them, arc lengths ``s``."""
+
+    kind = plain_text()
+    file = plain_text(required=True)
+    sigma = Quantity("m", 3, scalar_too=True, required=True)
+    ordered = fields.Bool()
+
+
+class TipPositionSchema(Strict):
+    """``kind = "tip_position"``."""
+
+    kind = plain_text()
+    position = Quantity("m", 3, required=True)
+    sigma = Quantity("m", 3, scalar_too=True, required=True)
+
+
+class TipDirectionSchema(Strict):
+    """``kind = "tip_direction"``: the tangent at the tip."""
+
+    kind = plain_text()
+    direction = Quantity("1", 3, required=True)
+    sigma = Quantity("rad", required=True)
+
+
+class TipPoseSchema(Strict):
+    """``kind = "tip_pose"``: position, m, and orientation of a tube's end, as a matrix."""
+
+    kind = plain_text()
+    pose = Quantity("1", 4, 4, required=True)
+    position_sigma = Quantity("m", 3, scalar_too=True, required=True)
+    rotation_sigma = Quantity("rad", 3, scalar_too=True, required=True)
+    tube = fields.Raw()
+
+
+class CurvaturesSchema(Strict):
+    """``kind = "curvatures"``: a CSV file with columns ``s, u_x, u_y`` of a tube, as of a fibre in it."""
+
+    kind = plain_text()
+    file = plain_text(required=True)
+    sigma = Quantity("1/m", 2, scalar_too=True, required=True)
+    tube = fields.Raw()
+
+
+class TorqueSchema(Strict):
+    """``kind = "torque"`` of a tube's actuator."""
+
+    kind = plain_text()
+    tube = fields.Raw(required=True)
+    torque = Quantity("N*m", required=True)
+    sigma = Quantity("N*m", required=True)
+
+
+class ActuatorForceSchema(Strict):
+    """``kind = "force"`` of a tube's actuator."""
+
+    kind = plain_text()
+    tube = fields.Raw(required=True)
+    force = Quantity("N", required=True)
+    sigma = Quantity("N", required=True)
+
+
+class MeasuredActuationSchema(ActuationSchema):
+    """``[actuation]`` of a force problem, which may be known with errors only."""
+
+    rotation_sigma = Quantity("rad", None, scalar_too=True)
+    translation_sigma = Quantity("m", None, scalar_too=True)
+
+
+class ForceTruthSchema(Strict):
+    """``[truth]`` of a force problem with synthetic data."""
+
+    force = Quantity("N", 3)
+    arc_length = Quantity("m")
+    density = plain_text()
+    contacts = fields.Int(strict=True)
+    seed = fields.Int()
+
+
+class ForceExpectedSchema(Strict):
+    """``[expected]`` of a force problem: which standard deviations, and what is not determined."""
+
+    text = plain_text(required=True)
+    standard_errors = Quantity("N", None)
+    share = Quantity("1")
+    consistent = fields.Bool()
+    undetermined = fields.List(fields.Str())
+
+
+class ForceSchema(Strict):
+    """A force problem: a robot's actuation, what was measured on it, known loads and unknown ones."""
+
+    title = plain_text(required=True)
+    description = plain_text()
+    robot = plain_text(required=True)
+    loss = plain_text()
+    source = fields.Nested(SourceSchema, required=True)
+    actuation = fields.Nested(MeasuredActuationSchema, required=True)
+    unknown_loads = fields.List(
+        fields.Raw(), required=True, data_key="unknown", error_messages={"invalid": " must be tables [[unknown]]"}
+    )
+    measurements = fields.List(
+        fields.Raw(), required=True, error_messages={"invalid": " must be tables [[measurements]]"}
+    )
+    load_tables = fields.List(fields.Raw(), data_key="loads", error_messages={"invalid": " must be tables [[loads]]"})
+    truth = fields.Nested(ForceTruthSchema)
+    expected = fields.Nested(ForceExpectedSchema)
+
+
+UNKNOWN_LOAD_SCHEMAS = {
+    "tip_force": TipForceSchema,
+    "tip_wrench": TipWrenchSchema,
+    "point_force": PointForceSchema,
+    "contacts": ContactsSchema,
+    "distributed_force": DistributedForceSchema,
+}
+MEASUREMENT_SCHEMAS = {
+    "points": PointsSchema,
+    "tip_position": TipPositionSchema,
+    "tip_direction": TipDirectionSchema,
+    "tip_pose": TipPoseSchema,
+    "curvatures": CurvaturesSchema,
+    "torque": TorqueSchema,
+    "force": ActuatorForceSchema,
+}
