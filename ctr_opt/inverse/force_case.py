@@ -7,7 +7,6 @@ from typing import Any
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 
 from ..equilibrium import Equilibrium
 from ..errors import DefinitionError, EstimationError
@@ -273,12 +272,25 @@ class Case:
 
         return 2.0 * state.cost < float(chi2.isf(_UNLIKELY, len(state.misfit)))
 
-    def untouched(self, state: State) -> NDArray[np.bool_]:
-        """Which numbers are normal forces that are zero: bounds that hold them."""
-        found = np.zeros(len(state.x), dtype=bool)
-        for part in self.numbered.where("normal_force"):
-            found[part] = state.x[part] <= 0.0
-        return found
+    def ways(self, state: State) -> Array:
+        """Directions in which the numbers may move, an orthonormal basis in their scales, as columns ``(k, n)``.
+
+        A surface's edge holds others: a normal force that is zero, or one on the cone of friction.
+        """
+        tangent = state.tangent
+        if tangent is None:
+            moving = np.ones(len(state.x), dtype=bool)
+            for part in self.numbered.where("normal_force"):
+                moving[part] = state.x[part] > 0.0
+            tangent = np.eye(len(state.x))[:, moving]
+        return np.linalg.qr(tangent / self.search.sought.scale[:, None])[0]
+
+    @property
+    def bounded(self) -> list[tuple[slice, PointForce]]:
+        """Contacts with a surface, and where the numbers of their forces stand."""
+        both = zip(self.numbered.parts, self.numbered.unknown, strict=True)
+        found = [(part, each) for part, each in both if isinstance(each, PointForce) and each.normal is not None]
+        return [(slice(part.start, part.start + each.directions.shape[1]), each) for part, each in found]
 
     def contact(self, part: slice) -> PointForce:
         """The contact whose numbers stand there."""

@@ -126,7 +126,7 @@ def systematic_errors(case: Case, state: State, freedom: int, steps: Callable[[]
     errors = _errors(case.robot)
     effects = _effects(case, state, errors, steps)
     effects[:, np.linalg.norm(effects, axis=0) < _IDLE] = 0.0
-    rates, left = _absorbed(case.search, state, effects)
+    rates, left = _absorbed(case.search, state, effects, case.ways(state))
     resultants = case.numbered.resultants
     weights = list(np.eye(len(errors)))
     for own in (slice(0, 3), slice(3, 6)):  # the axes of shifts and of tilts
@@ -207,8 +207,11 @@ def _effects(case: Case, state: State, errors: list[Imperfection], steps: Callab
     return np.asarray(rates[0, :, n:] @ changes + rates[0, :, :n] @ follow)
 
 
-def _absorbed(search: Search, state: State, effects: Array) -> tuple[Array, Array]:
-    """How the estimates follow, ``(numbers, errors)``, and what residuals and priors keep, ``(rows, errors)``."""
+def _absorbed(search: Search, state: State, effects: Array, moving: Array) -> tuple[Array, Array]:
+    """How the estimates follow, ``(numbers, errors)``, and what residuals and priors keep, ``(rows, errors)``.
+
+    ``moving``: directions in which the estimates may, in their scales.
+    """
     from scipy.linalg import block_diag
 
     sought, k = search.sought, len(state.x) + search.errors
@@ -217,11 +220,11 @@ def _absorbed(search: Search, state: State, effects: Array) -> tuple[Array, Arra
     every = across(weights * np.hstack((state.slopes, effects)), weights * (state.along @ ways))
     values, vectors = np.linalg.eigh(sought.prior_information)
     known = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    scale = np.append(sought.scale, np.ones(search.errors))
-    rows = np.vstack((every[:, :k], block_diag(known, np.eye(search.errors)))) * scale
+    scale = block_diag(sought.scale[:, None] * moving, np.eye(search.errors))
+    rows = np.vstack((every[:, :k], block_diag(known, np.eye(search.errors)))) @ scale
     seen = np.pad(every[:, k:], ((0, k), (0, 0)))
     basis, stretches, turned = np.linalg.svd(rows, full_matrices=False)
     told = stretches > 1.0 / BLIND
     parts = basis[:, told].T @ seen
-    moves = scale[:, None] * (turned[told].T @ (parts / stretches[told, None]))
+    moves = scale @ (turned[told].T @ (parts / stretches[told, None]))
     return moves[: len(state.x)], seen - basis[:, told] @ parts

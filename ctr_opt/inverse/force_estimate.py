@@ -22,6 +22,7 @@ from .force_errors import CONSISTENT, Systematic, systematic_errors
 from .load_solver import BLIND, Normal, State
 from .measurements import PositionMeasurement
 from .places import free
+from .surface_errors import Spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -184,28 +185,36 @@ class ForceEstimate:
         return Normal.of(self.case.search, self.state)
 
     @cached_property
-    def _split(self) -> tuple[Array, Array, Array]:
-        """Eigenvalues and vectors of the information on the loads, scaled; errors of other numbers taken out."""
-        k = len(self.state.x)
-        matrix = self._normal.matrix
+    def _scaled(self) -> tuple[Array, Array]:
+        """Information on the loads and the loss's gradient, in their scales; errors of other numbers taken out."""
+        k, scale = len(self.state.x), self.case.search.sought.scale
+        matrix, gradient = self._normal.matrix, self._normal.gradient
         if len(matrix) > k:
-            matrix = matrix[:k, :k] - matrix[:k, k:] @ np.linalg.solve(matrix[k:, k:], matrix[k:, :k])
-        scale, tangent = self.case.search.sought.scale, self.state.tangent
-        if tangent is None:
-            tangent = np.eye(k)[:, ~self.case.untouched(self.state)]
-        ways = np.linalg.qr(tangent / scale[:, None])[0]
-        values, vectors = np.linalg.eigh(ways.T @ (0.5 * (matrix + matrix.T) * np.outer(scale, scale)) @ ways)
-        return values, ways @ vectors, scale
+            gain = np.linalg.solve(matrix[k:, k:], matrix[k:, :k]).T
+            matrix, gradient = matrix[:k, :k] - gain @ matrix[k:, :k], gradient[:k] - gain @ gradient[k:]
+        return 0.5 * (matrix + matrix.T) * np.outer(scale, scale), gradient * scale
 
     @cached_property
     def covariance(self) -> Array:
         """Covariance of the numbers of :attr:`labels`, SI; huge where the measurements say nothing.
 
-        Of normal errors, with those of the calibration and the actuation, if they were given.
+        Of normal errors, with those of the calibration and the actuation, if they were given. Where a surface bounds a
+        contact's force, mean squared deviations from the estimate of what is possible and as likely as measured: a
+        force at an edge is not known better for it.
         """
-        values, vectors, scale = self._split
-        variances = 1.0 / np.maximum(values, BLIND**-2 * 1e-6)
-        return np.asarray((vectors * variances) @ vectors.T * np.outer(scale, scale))
+        matrix, gradient = self._scaled
+        values, vectors = np.linalg.eigh(matrix)
+        found = np.asarray((vectors / np.maximum(values, BLIND**-2 * 1e-6)) @ vectors.T)
+        scale = self.case.search.sought.scale
+        bounded = self.case.bounded
+        if bounded:
+            known = values > BLIND**-2
+            along = vectors[:, known]
+            free = Spread(-along @ ((along.T @ gradient) / values[known]), found)
+            for part, contact in bounded:
+                free = contact.bounded(free, part, self.state.x / scale)
+            found = free.about_zero
+        return found * np.outer(scale, scale)
 
     def position(self, s: Any) -> tuple[Array, Array]:
         """Where the backbone is at arc lengths ``s``: positions ``(..., 3)``, m, and covariances ``(..., 3, 3)``, m^2.
@@ -358,7 +367,8 @@ class ForceEstimate:
         ways = free(self.state.places, self.case.search.seen.orders)
         places = int((ways.any(axis=0)).sum())
         priors = int(np.linalg.matrix_rank(self.case.search.sought.prior_information))
-        seen = int((self._split[0] > BLIND**-2).sum())
+        ways = self.case.ways(self.state)
+        seen = int((np.linalg.eigvalsh(ways.T @ self._scaled[0] @ ways) > BLIND**-2).sum())
         return max(len(self.state.misfit) + priors - places - seen, 0)
 
     @property

@@ -162,7 +162,10 @@ class ForceEstimationProblem:
             As :meth:`solve`.
         """
         experiment = experiment_of(self.robot, actuation, measurements, loads)
-        check_places(experiment, tube_ends(self.robot, actuation))
+        ends = tube_ends(self.robot, actuation)
+        check_places(experiment, ends)
+        for each in self._options[0]:
+            each.placed(ends)
 
     def case(self, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Case:
         """What is sought and seen, for code that searches on its own."""

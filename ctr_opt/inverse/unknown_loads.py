@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import DefinitionError
 from ..robot.checks import Array, array, index, number
 from ..robot.loads import Load, PointWrench
+from .surface_errors import Spread, pushing, within_cone
 
 _TIP = 0  # the tube that the tip belongs to, as far as loads are concerned: forces there are the same for all
 
@@ -253,8 +254,9 @@ class PointForce(_AsItStands):
     Notes
     -----
     Both hold exactly. Without friction the one number sought is the normal force, bounded by zero. With friction, where
-    the force is outside the cone without it, that of least loss on the cone's surface is taken. Covariances are those
-    of the face on which the answer is: along the surface only, or zero at the cone's apex.
+    the force is outside the cone without it, that of least loss on the cone's surface is taken. Covariances are mean
+    squared deviations of the forces that are possible, as likely as measured, from the estimate: a force at an edge of
+    what is possible is not known better for it.
 
     Examples
     --------
@@ -278,6 +280,13 @@ class PointForce(_AsItStands):
     def loads(self) -> list[Load]:
         """A point force, for now at the entry where nobody knows the place."""
         return [PointWrench(force=np.zeros(3), arc_length=self.arc_length or 0.0, tube=self.tube)]
+
+    def bounded(self, free: Spread, part: slice, at: Array) -> Spread:
+        """Deviations of numbers ``at`` theirs, in their scales, if the surface bounds the force, a ``part`` of them."""
+        own = Spread(free.mean[part], free.covariance[part, part])
+        if self.friction is None:
+            return free.given(part, pushing(own, float(at[part][0])))
+        return free.given(part, within_cone(own, at[part], np.array(self.normal), self.friction))
 
     @property
     def directions(self) -> Array:
