@@ -67,10 +67,12 @@ def test_the_code_of_force_estimation_runs(capsys):
     assert abs(apart).max() < 1e-7 * scope["pushed"].length
 
 
-def test_what_shape_tells_is_what_its_code_prints(capsys):
-    path = "docs/what_shape_tells.md"
-    (code,) = blocks(path, "python")
-    exec(code, {})
+@pytest.mark.usefixtures("compiling")
+@pytest.mark.parametrize("page", ["what_shape_tells", "from_points_to_force"])
+def test_pages_are_what_their_code_prints(page, capsys):
+    """Pieces of code one behind the other, each with what it prints."""
+    path = f"docs/{page}.md"
+    exec("".join(blocks(path, "python")), {})
     assert capsys.readouterr().out == "".join(blocks(path, "text"))
 
 
@@ -99,7 +101,7 @@ def test_the_readme_has_exactly_two_commands():
 
 
 def test_the_files_in_the_docs_load(tmp_path):
-    robot, problem, plan, force = blocks("docs/files.md", "toml")
+    robot, problem, plan, force, unknown = blocks("docs/files.md", "toml")
     second = robot[robot.index("[[tubes]]") :].replace("inner", "outer").replace("1.25 mm", "2 mm")
     second = second.replace("1.75 mm", "2.4 mm").replace('outer_diameter = "2 mm"', 'inner_diameter = "2 mm"', 1)
     second = re.sub(r'outer_diameter = "2 mm".*\n', "", second)
@@ -114,7 +116,10 @@ def test_the_files_in_the_docs_load(tmp_path):
     (tmp_path / "force.toml").write_text(force)
     (tmp_path / "points.csv").write_text("x [mm], y [mm], z [mm]\n0, 0, 50\n1, 0, 100\n")
     (tmp_path / "curvatures.csv").write_text("s [mm], u_x [1/m], u_y [1/m]\n20, 7, 0\n40, 7, 0.1\n")
-    assert len(load_force_problem(tmp_path / "force.toml").measurements) == 5
+    assert len(load_force_problem(tmp_path / "force.toml").measurements) == 6
+    start, end = force.index("[[unknown]]"), force.index("[[measurements]]")
+    (tmp_path / "others.toml").write_text(force[:start] + unknown.replace('"150 mm"', '"15 mm"') + force[end:])
+    assert len(load_force_problem(tmp_path / "others.toml").problem.unknown) == 4
 
 
 @pytest.mark.parametrize("path", ["docs/theory.md"])

@@ -49,6 +49,7 @@ def test_every_estimate_tells_and_draws_itself(given, kind, tmp_path):
     assert "shift of the base" in text
     assert ("force per length" in text) == bool(estimate.distributed)
     assert "force_density" not in text
+    assert "nan" not in text
     figure = estimate.plot()
     assert len(figure.axes) == 3 + 3 * (len(estimate.distributed) < len(np.atleast_2d(estimate.force))) + 3 * len(
         estimate.distributed

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 OPEN = 3.0  # characteristic forces: with a larger standard deviation a direction is undetermined
 _SHOWN = 121  # places along a distributed force
+_ROUNDING = 1e-15  # of a covariance's largest eigenvalue
 _MANY = 8  # numbers: with more of them, the forces alone are told
 _LIKELY = 8.0  # excess loss up to which another solution is told: e^-8 is 1 in 3,000
 
@@ -39,6 +40,12 @@ class Axis:
 
     direction: Array
     standard_deviation: float
+
+
+def principal(covariance: Array) -> tuple[Array, Array]:
+    """Standard deviations along principal axes, the least first, and the axes as columns; rounding is zero."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.sqrt(np.where(values > _ROUNDING * values[-1], values, 0.0)), vectors
 
 
 class ForceEstimate:
@@ -264,11 +271,14 @@ class ForceEstimate:
 
     @cached_property
     def axes(self) -> Any:
-        """Principal :class:`Axis` of the force's error, the best known first; of several forces a list for each."""
+        """Principal :class:`Axis` of the force's error, the best known first; of several forces a list for each.
+
+        Standard deviations are zero across the normal of a surface without friction.
+        """
         found = []
         for rows in self.case.numbered.resultants:
-            values, vectors = np.linalg.eigh(rows @ self.covariance @ rows.T)
-            found.append([Axis(vectors[:, i], float(np.sqrt(values[i]))) for i in range(3)])
+            deviations, vectors = principal(rows @ self.covariance @ rows.T)
+            found.append([Axis(vectors[:, i], float(deviations[i])) for i in range(3)])
         return found if len(found) > 1 else found[0]
 
     @property

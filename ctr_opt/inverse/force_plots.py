@@ -8,6 +8,7 @@ import numpy as np
 
 from ..plotting import draw_backbone
 from ..robot.checks import Array
+from .force_estimate import principal
 from .measurements import BackboneMeasurement, PositionMeasurement
 
 if TYPE_CHECKING:
@@ -131,8 +132,8 @@ def _draw_ellipses(estimate: ForceEstimate, ax: Any, plane: tuple[int, int], num
     forces, covariances = np.atleast_2d(estimate.force), np.reshape(estimate.force_covariance, (-1, 3, 3))
     for k in numbers:
         force, covariance = forces[k], covariances[k]
-        values, vectors = np.linalg.eigh(covariance[np.ix_(plane, plane)])
-        ring = (vectors * np.sqrt(values)) @ circle + force[list(plane), None]
+        deviations, vectors = principal(covariance[np.ix_(plane, plane)])
+        ring = (vectors * deviations) @ circle + force[list(plane), None]
         name = "95 % confidence" if len(forces) == 1 else f"force {k}, 95 %"
         (line,) = ax.plot(*ring, label=name)
         ax.plot(*force[list(plane)], "+", color=line.get_color())

@@ -105,7 +105,7 @@ def _magnitudes(estimate: ForceEstimate) -> list[str]:
         name = "total" if k in estimate.distributed else "magnitude"
         name += f" of {k}" if len(forces) > 1 else ""
         lines += ["", _row(name, f"{size:.4g} +- {np.sqrt(unit @ covariance @ unit):.2g} N")]
-        for axis in axes:
+        for axis in (each for each in axes if each.standard_deviation):
             told = ", ".join(f"{x:+.2f}" for x in axis.direction)
             lines.append(_row("", f"sd {axis.standard_deviation:.2g} N along ({told})"))
     return lines
