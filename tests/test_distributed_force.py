@@ -1,5 +1,6 @@
 """Distributed forces: splines as pieces, smoothness by evidence, and what is found of a known load."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -131,7 +132,7 @@ def test_the_smoothness_is_the_least_that_is_not_much_less_likely(precise):
 def test_a_given_smoothness_is_kept(pushed):
     """A large one leaves a straight line: second differences of the density vanish beside its size."""
     robot, actuation, _, shape, unit = pushed
-    force = ctr.DistributedForce(coefficients=6, smoothness=1e7, prior=(0.0, 10.0 * unit))
+    force = ctr.DistributedForce(coefficients=6, smoothness=1e6, prior=(0.0, 10.0 * unit))
     found = ctr.ForceEstimationProblem(robot, force, compiled=True).solve(actuation, seen(shape))
     values = found.density(np.linspace(0.0, shape.length, 9))[0]
     assert np.abs(np.diff(values, n=2, axis=0)).max() < 1e-3 * np.abs(values).max()
@@ -150,6 +151,29 @@ def test_a_given_smoothness_is_kept(pushed):
 def test_impossible_splines_are_refused(field, message):
     with pytest.raises(ctr.DefinitionError, match=message):
         ctr.DistributedForce(**field)
+
+
+def test_a_smoothness_of_which_rounding_is_left_is_refused(pushed):
+    """The most that is allowed gives a straight line, and the same loss as a hundredth of it to 1e-4."""
+    robot, actuation, _, shape, _ = pushed
+    with pytest.raises(
+        ctr.DefinitionError, match=r"unknown\[0\].smoothness = 1e\+12 m\^5/N\^2 must be at most"
+    ) as caught:
+        ctr.ForceEstimationProblem(robot, ctr.DistributedForce(smoothness=1e12), compiled=True).solve(
+            actuation, seen(shape)
+        )
+    most = float(re.search(r"at most (\S+):", str(caught.value))[1])
+    found = [
+        ctr.ForceEstimationProblem(robot, ctr.DistributedForce(smoothness=weight), compiled=True).solve(
+            actuation, seen(shape)
+        )
+        for weight in (0.9 * most, 0.009 * most)
+    ]
+    assert found[0].state.cost == pytest.approx(found[1].state.cost, rel=1e-4)
+    s = np.array([0.25, 0.5, 0.75]) * shape.length
+    ends = found[0].density([0.0, shape.length])[0]
+    line = ends[0] + np.outer(s / shape.length, ends[1] - ends[0])
+    np.testing.assert_allclose(found[0].density(s)[0], line, atol=1e-5 * np.abs(ends).max())
 
 
 def test_a_force_beyond_its_tube_is_refused(pushed):

@@ -30,6 +30,7 @@ from .places import nearest, orders
 from .unknown_loads import PointForce, UnknownLoad
 
 _INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
+_STIFFEST = 1e12  # information on a coefficient, in its scale, by its smoothness
 _UNLIKELY = 1e-3  # probability of residuals that are not believed
 
 
@@ -332,7 +333,9 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
     mean, forces = np.zeros(size), np.zeros(size)
     scale, lower, upper = extent(robot, numbered, ends)
     information = []
-    for part, each in zip(numbered.parts, numbered.unknown, strict=True):
+    for k, (part, each) in enumerate(zip(numbered.parts, numbered.unknown, strict=True)):
+        if isinstance(each, DistributedForce):
+            _check_smoothness(each, scale[part], f"unknown[{k}].smoothness")
         known = each.known_before
         information.append(np.zeros((part.stop - part.start,) * 2) if known is None else known.information)
         mean[part] = 0.0 if known is None else known.mean
@@ -341,6 +344,15 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
     mixing = np.asarray(block_diag(*(each.mixing for each in numbered.unknown)))
     found = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
     return found, forces
+
+
+def _check_smoothness(force: DistributedForce, scale: Array, field: str) -> None:
+    """Refuse weights under which rounding errors of the roughness hide what was measured."""
+    most = _STIFFEST / float(np.linalg.eigvalsh(force.roughness)[-1] * scale.max() ** 2)
+    if force.smoothness is not None and force.smoothness > most:
+        raise DefinitionError(
+            f"{field} = {force.smoothness:g} m^5/N^2 must be at most {most:.1e}: with less it is a straight line already"
+        )
 
 
 def extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array, Array]:
