@@ -31,7 +31,7 @@ __all__ = ["Predicted", "Predictions", "Probe", "supported"]
 
 @attrs.frozen
 class Probe:
-    """Where a pose is predicted: an arc length, m, or ``None``: a distal end; of a tube, or ``None``: the innermost.
+    """Where something is predicted: an arc length, m, or ``None``: a distal end; of a tube, or ``None``: the innermost.
 
     ``Probe()`` is the tip. An arc length stays where it is when tubes are moved, a distal end moves along.
     """
@@ -55,9 +55,9 @@ class Predicted:
     poses, rates
         ``(e, probes, 3, 4)``: orientation of the tube's material frame and position, m; ``(e, probes, 6, unknowns +
         parameters)``: derivatives of the position, and world angular velocities.
-    inner, inner_rates
-        ``(e, probes, 3 + tubes)``: the tube's angle, the robot's bending moments in the backbone frame and every tube's
-        torsional moment, N m, before any load there; and their derivatives. None unless they were asked for.
+    curvatures, curvature_rates
+        ``(e, probes, 3)``: of the tube in its material frame, 1/m, behind any load there; at the tube's end the limit
+        from within it; ``(e, probes, 3, unknowns + parameters)``. None unless they were asked for.
     failed
         ``(e,)``: zero, or why there is nothing.
     """
@@ -67,8 +67,8 @@ class Predicted:
     poses: Array
     rates: Array
     failed: NDArray[np.intc]
-    inner: Array | None = None
-    inner_rates: Array | None = None
+    curvatures: Array | None = None
+    curvature_rates: Array | None = None
 
 
 class Predictions:
@@ -185,14 +185,14 @@ class Predictions:
             raise DefinitionError("experiments: loads of one name must be of one kind in all of them")
         return found
 
-    def at(self, unknowns: Array, inner: bool = False) -> Predicted:
+    def at(self, unknowns: Array, curvatures: bool = False) -> Predicted:
         """Everything at unknowns ``(experiments, unknowns)``, N m and N, in the order of ``Equilibrium.unknowns``."""
         count, probes, directions = self._sizes
         z = np.ascontiguousarray(array(unknowns, "unknowns", (count, self.unknowns)))
-        columns, inside = self.unknowns + directions, 3 + len(self.robot.tubes)
+        columns = self.unknowns + directions
         residual, slopes = np.empty((count, self.unknowns)), np.empty((count, self.unknowns, columns))
         poses, rates = np.empty((count, probes, 3, 4)), np.empty((count, probes, 6, columns))
-        more = [np.empty((count, probes, inside, *last)) for last in ((), (columns,))] if inner else []
+        more = [np.empty((count, probes, 3, *last)) for last in ((), (columns,))] if curvatures else []
         failed = np.empty(count, dtype=np.intc)
         case = (self._table.address, self._addresses.ctypes.data, self._actuations.ctypes.data, z.ctypes.data, count)
         out = [each.ctypes.data for each in (residual, slopes, poses, rates, *more)] + [None] * (2 - len(more))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import EstimationError
 from ..mechanics.sections import SAME_POINT
+from ..predictions import Predicted as Told
 from ..predictions import Predictions, Probe, supported
 from ..robot.actuation import Actuation
 from ..robot.checks import Array
@@ -18,7 +19,7 @@ from ..solvers import compilation
 from ..solvers.native import LoadRows
 from .measurements import Distal, Predicted, Request, Somewhere
 
-_KINDS = ("pose", "torque")
+_KINDS = ("pose", "curvature", "torque")
 _SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
 _APART = 10.0 * SAME_POINT  # of the longest tube
 
@@ -41,7 +42,7 @@ def compilable(
 
 
 def _known(request: Request) -> bool:
-    """Whether it is a pose or torque, and of an end in the frame of the tube that ends there."""
+    """Whether it is no force, and at an end that of the tube that ends there."""
     others = isinstance(request.place, Distal) and request.tube not in (None, request.place.tube)
     return request.kind in _KINDS and not others
 
@@ -54,7 +55,8 @@ class CompiledModel:
 
     def __init__(self, requests: Sequence[Sequence[Request]], sizes: Mapping[str, int]) -> None:
         self.requests = requests[0]
-        self._requests = [[request for request in own if request.kind == "pose"] for own in requests]
+        self._requests = [probed(own) for own in requests]
+        self._curved = curved(requests[0])
         self.acting = list(sizes)
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
@@ -75,29 +77,22 @@ class CompiledModel:
         that are somewhere.
         """
         model = self._model(robot, experiments, s)
-        told = model.at(z)
+        told = model.at(z, self._curved)
         if told.failed.any():
             joints = _parted(robot, experiments, np.flatnonzero(told.failed))
             ends = [tube.length for tube in robot.tubes] + joints[:, len(robot.tubes) :]
-            told = model.moved(robot, joints, self._places(np.minimum(s, ends.max(axis=1)[:, None]))).at(z)
+            parted = model.moved(robot, joints, self._places(np.minimum(s, ends.max(axis=1)[:, None])))
+            told = parted.at(z, self._curved)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
-        slopes, rates = told.slopes, told.rates
         if self._turned is not None:
             first = model.unknowns + int(self._turned)
-            part = slice(first, first + 3)
-            slopes[..., part] = slopes[..., part] @ euler_rates(angles)
-            rates[..., part] = rates[..., part] @ euler_rates(angles)
-        found, probe = [], 0
-        for request in self.requests:
-            if request.kind == "pose":
-                found.append(Predicted(told.poses[:, probe], rates[:, probe]))
-                probe += 1
-            else:
-                assert request.tube is not None
-                found.append(torque_of(z, request.tube, slopes.shape[2]))
-        return told.residual, found, slopes
+            part, turn = slice(first, first + 3), euler_rates(angles)
+            for rates in (told.slopes, told.rates, told.curvature_rates):
+                if rates is not None:
+                    rates[..., part] = rates[..., part] @ turn
+        return told.residual, predicted(self.requests, told, z), told.slopes
 
     def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], s: Array) -> Predictions:
         """The predictions, made anew only where loads, or what follows from the robot's numbers, are others."""
@@ -131,7 +126,40 @@ def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]
     return joints
 
 
-def torque_of(z: Array, tube: int, columns: int) -> Predicted:
+def probed(requests: Sequence[Request]) -> list[Request]:
+    """Those that are predicted at a probe each: all but torques."""
+    return [request for request in requests if request.kind != "torque"]
+
+
+def curved(requests: Sequence[Request]) -> bool:
+    """Whether a curvature is asked for."""
+    return any(request.kind == "curvature" for request in requests)
+
+
+def predicted(requests: Sequence[Request], told: Told, z: Array) -> list[Predicted]:
+    """The predictions asked for, at base moments ``z (E, unknowns)``."""
+    found, probe = [], 0
+    for request in requests:
+        if request.kind == "torque":
+            assert request.tube is not None
+            found.append(_torque(z, request.tube, told.slopes.shape[2]))
+            continue
+        value, rates = of_probes(request.kind, told)
+        found.append(Predicted(value[:, probe], rates[:, probe]))
+        probe += 1
+    return found
+
+
+def of_probes(kind: str, told: Told) -> tuple[Array, Array]:
+    """Poses or curvatures at all probes, and their derivatives."""
+    if kind == "pose":
+        return told.poses, told.rates
+    assert told.curvatures is not None
+    assert told.curvature_rates is not None
+    return told.curvatures, told.curvature_rates
+
+
+def _torque(z: Array, tube: int, columns: int) -> Predicted:
     """An actuator's torque, by base moments ``z (E, unknowns)`` alone, and as many columns of slopes."""
     slopes = np.zeros((len(z), 1, columns))
     slopes[:, 0, 2 + tube] = -1.0
@@ -139,7 +167,7 @@ def torque_of(z: Array, tube: int, columns: int) -> Predicted:
 
 
 def probe_of(request: Request, longest: int, s: float = 0.0) -> Probe:
-    """Where a pose is asked for; that of a point somewhere on the ``longest`` tube at ``s``."""
+    """Where a pose or a curvature is asked for; that of a point somewhere on the ``longest`` tube at ``s``."""
     if isinstance(request.place, Somewhere):
         return Probe(s, longest)
     if isinstance(request.place, Distal):

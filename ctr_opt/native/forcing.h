@@ -97,18 +97,24 @@ static void change_at(void *pointer, int stage) {
   }
 }
 
+/* What the directions of a block change all along a step. */
+static int begin_change(const Lanes *lanes, int b, int step, Change *change) {
+  int what = 0;
+  change->lanes = lanes;
+  change->lane = lanes->lane + b * BLOCK;
+  change->step = step;
+  memset(change->longer, 0, sizeof change->longer);
+  if (lanes->by_data) memset(change->change, 0, sizeof change->change);
+  for (int l = 0; l < BLOCK; l++) what |= change_lane(change, l);
+  return what;
+}
+
 /* A block through a step that was recorded. */
 static void carry_block(Lanes *lanes, int b, int step, const double *linear) {
   const Case *c = lanes->c;
   double *along = lanes->along + (size_t)b * NX * BLOCK;
   Change change;
-  change.lanes = lanes;
-  change.lane = lanes->lane + b * BLOCK;
-  change.step = step;
-  memset(change.longer, 0, sizeof change.longer);
-  if (lanes->by_data) memset(change.change, 0, sizeof change.change);
-  int what = 0;
-  for (int l = 0; l < BLOCK; l++) what |= change_lane(&change, l);
+  const int what = begin_change(lanes, b, step, &change);
   if (!what && !lanes->awake[b]) return;
   lanes->awake[b] = 1;
   const Forcing forcing = {change_at, &change, what & CHANGED ? change.change : NULL, change.longer};
