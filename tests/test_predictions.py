@@ -113,7 +113,8 @@ class Away:
         self.rng, self.robot, self.actuation, self.loads, probes = case(10 + seed, 1 + seed % 3, body)
         ends = tube_ends(self.robot, self.actuation)
         self.probes = [*probes[:3], Probe(0.81 * ends[0]), *probes[4:]]
-        self.unit = max(t.bending_stiffness for t in self.robot.tubes) / ends.max()
+        self.length = ends.max()
+        self.unit = max(t.bending_stiffness for t in self.robot.tubes) / self.length
         self.names = names_of(self.robot, self.actuation, self.loads)
         self.z = 0.3 * self.unit * self.rng.normal(size=self.at([], np.zeros(0)).slopes.shape[-1])
         self.direction = self.rng.normal(size=len(self.z)) * self.unit
@@ -124,12 +125,13 @@ class Away:
         return model.at(z[None] if z.size else np.zeros((1, model.unknowns)), curvatures=True)
 
     def values(self, found, reference):
-        """Residual, poses as position and turn from a reference, and curvatures."""
+        """Residual, poses as position and turn from a reference, and curvatures times the robot's length."""
         poses = [pose_vector(a, b) for a, b in zip(found.poses[0], reference.poses[0], strict=True)]
-        return np.concatenate([found.residual[0] / self.unit, *poses, found.curvatures[0].ravel()])
+        return np.concatenate([found.residual[0] / self.unit, *poses, self.length * found.curvatures[0].ravel()])
 
     def slopes(self, found):
-        rows = [each[0].reshape(-1, each.shape[-1]) for each in (found.rates, found.curvature_rates)]
+        pairs = [(found.rates, 1.0), (found.curvature_rates, self.length)]
+        rows = [factor * each[0].reshape(-1, each.shape[-1]) for each, factor in pairs]
         return np.concatenate([found.slopes[0] / self.unit, *rows])
 
     def with_unknowns(self, x):

@@ -57,6 +57,9 @@ class CompiledModel:
         self.requests = requests[0]
         self._requests = [probed(own) for own in requests]
         self._curved = curved(requests[0])
+        self._numbers = np.array(
+            [[each.place if isinstance(each.place, float) else np.nan for each in own] for own in self._requests]
+        )
         self.acting = list(sizes)
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
@@ -80,9 +83,9 @@ class CompiledModel:
         told = model.at(z, self._curved)
         if told.failed.any():
             joints = _parted(robot, experiments, np.flatnonzero(told.failed))
-            ends = [tube.length for tube in robot.tubes] + joints[:, len(robot.tubes) :]
-            parted = model.moved(robot, joints, self._places(np.minimum(s, ends.max(axis=1)[:, None])))
-            told = parted.at(z, self._curved)
+            ends = joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes]
+            places = self._places(np.minimum(s, ends.max(axis=1)[:, None])) | self._beyond(ends)
+            told = model.moved(robot, joints, places).at(z, self._curved)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
@@ -96,20 +99,32 @@ class CompiledModel:
 
     def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], s: Array) -> Predictions:
         """The predictions, made anew only where loads, or what follows from the robot's numbers, are others."""
-        lengths = [tube.length for tube in robot.tubes]
-        longest = [int(np.argmax(lengths + actuation.translations)) for actuation, _ in experiments]
+        ends = np.array([actuation.translations for actuation, _ in experiments])
+        ends += [tube.length for tube in robot.tubes]
+        longest, beyond = ends.argmax(axis=1).tolist(), self._beyond(ends)
         if self._kept is not None and self._fixed and self._kept[0] == longest:
-            return self._kept[1].moved(robot, _joints(experiments), self._places(s))
+            return self._kept[1].moved(robot, _joints(experiments), self._places(s) | beyond)
         probes = [
             _probes(own, tube, places) for own, tube, places in zip(self._requests, longest, s.tolist(), strict=True)
         ]
-        self._kept = longest, Predictions(robot, self.acting, experiments, probes)
-        return self._kept[1]
+        for k, where in beyond.items():
+            for e in np.flatnonzero(np.isnan(where)):
+                probes[e][k] = Probe(None, probes[e][k].tube)
+        model = Predictions(robot, self.acting, experiments, probes)
+        self._kept = None if beyond else (longest, model)
+        return model
 
     def _places(self, s: Array) -> dict[int, Array]:
         """Arc lengths of the probes that are somewhere, by their numbers."""
         somewhere = [k for k, request in enumerate(self._requests[0]) if isinstance(request.place, Somewhere)]
         return dict(zip(somewhere, s.T, strict=True))
+
+    def _beyond(self, ends: Array) -> dict[int, Array]:
+        """The arc lengths of probes that lie beyond their tubes' ends in some experiments; NaN there: at the end."""
+        length = ends.max(axis=1)
+        own = np.array([length if request.tube is None else ends[:, request.tube] for request in self._requests[0]])
+        beyond = self._numbers > own.T.reshape(self._numbers.shape) + SAME_POINT * length[:, None]
+        return {int(k): np.where(beyond[:, k], np.nan, self._numbers[:, k]) for k in np.flatnonzero(beyond.any(axis=0))}
 
 
 def _joints(experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Array:
