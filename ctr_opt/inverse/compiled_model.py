@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..errors import EstimationError
 from ..mechanics.sections import SAME_POINT
 from ..predictions import Predicted as Told
-from ..predictions import Predictions, Probe, supported
+from ..predictions import Predictions, Probe, piecewise_constant, supported
 from ..robot.actuation import Actuation
 from ..robot.checks import Array
 from ..robot.loads import Load
@@ -19,7 +19,7 @@ from ..solvers import compilation
 from ..solvers.native import LoadRows
 from .measurements import Distal, Predicted, Request, Somewhere
 
-_KINDS = ("pose", "curvature", "torque")
+_PROBED = ("pose", "curvature")
 _SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
 _APART = 10.0 * SAME_POINT  # of the longest tube
 
@@ -35,16 +35,17 @@ def compilable(
     if wanted is False or (wanted is None and (compilation.on_request_only() or compilation.compiler() is None)):
         return False
     return (
-        all(_known(request) for request in requests)
+        all(_known(request, robot) for request in requests)
         and all(supported(name, robot, loads) for name in acting)
         and LoadRows.of(robot, loads) is not None
     )
 
 
-def _known(request: Request) -> bool:
-    """Whether it is no force, and at an end that of the tube that ends there."""
-    others = isinstance(request.place, Distal) and request.tube not in (None, request.place.tube)
-    return request.kind in _KINDS and not others
+def _known(request: Request, robot: Robot) -> bool:
+    """Whether a force is of tubes whose precurvatures are constant, and an end that of the tube that ends there."""
+    if request.kind == "force":
+        return piecewise_constant(robot)
+    return not isinstance(request.place, Distal) or request.tube in (None, request.place.tube)
 
 
 class CompiledModel:
@@ -56,7 +57,7 @@ class CompiledModel:
     def __init__(self, requests: Sequence[Sequence[Request]], sizes: Mapping[str, int]) -> None:
         self.requests = requests[0]
         self._requests = [probed(own) for own in requests]
-        self._curved = curved(requests[0])
+        self._asked = asked(requests[0])
         self._numbers = np.array(
             [[each.place if isinstance(each.place, float) else np.nan for each in own] for own in self._requests]
         )
@@ -80,19 +81,19 @@ class CompiledModel:
         that are somewhere.
         """
         model = self._model(robot, experiments, s)
-        told = model.at(z, self._curved)
+        told = model.at(z, **self._asked)
         if told.failed.any():
             joints = _parted(robot, experiments, np.flatnonzero(told.failed))
             ends = joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes]
             places = self._places(np.minimum(s, ends.max(axis=1)[:, None])) | self._beyond(ends)
-            told = model.moved(robot, joints, places).at(z, self._curved)
+            told = model.moved(robot, joints, places).at(z, **self._asked)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
         if self._turned is not None:
             first = model.unknowns + int(self._turned)
             part, turn = slice(first, first + 3), euler_rates(angles)
-            for rates in (told.slopes, told.rates, told.curvature_rates):
+            for rates in (told.slopes, told.rates, told.curvature_rates, told.force_rates):
                 if rates is not None:
                     rates[..., part] = rates[..., part] @ turn
         return told.residual, predicted(self.requests, told, z), told.slopes
@@ -142,26 +143,32 @@ def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]
 
 
 def probed(requests: Sequence[Request]) -> list[Request]:
-    """Those that are predicted at a probe each: all but torques."""
-    return [request for request in requests if request.kind != "torque"]
+    """Those that are predicted at a probe each."""
+    return [request for request in requests if request.kind in _PROBED]
 
 
-def curved(requests: Sequence[Request]) -> bool:
-    """Whether a curvature is asked for."""
-    return any(request.kind == "curvature" for request in requests)
+def asked(requests: Sequence[Request]) -> dict[str, bool]:
+    """What is asked for beside poses."""
+    kinds = {request.kind for request in requests}
+    return {"curvatures": "curvature" in kinds, "forces": "force" in kinds}
 
 
 def predicted(requests: Sequence[Request], told: Told, z: Array) -> list[Predicted]:
     """The predictions asked for, at base moments ``z (E, unknowns)``."""
     found, probe = [], 0
     for request in requests:
-        if request.kind == "torque":
-            assert request.tube is not None
-            found.append(_torque(z, request.tube, told.slopes.shape[2]))
+        if request.kind in _PROBED:
+            value, rates = of_probes(request.kind, told)
+            found.append(Predicted(value[:, probe], rates[:, probe]))
+            probe += 1
             continue
-        value, rates = of_probes(request.kind, told)
-        found.append(Predicted(value[:, probe], rates[:, probe]))
-        probe += 1
+        tube = request.tube or 0
+        if request.kind == "torque":
+            found.append(_torque(z, tube, told.slopes.shape[2]))
+            continue
+        assert told.forces is not None
+        assert told.force_rates is not None
+        found.append(Predicted(told.forces[:, tube, None], told.force_rates[:, tube, None]))
     return found
 
 

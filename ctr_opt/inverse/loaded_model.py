@@ -20,7 +20,7 @@ from ..robot.checks import Array
 from ..robot.loads import Load
 from ..robot.parameters import parameters
 from ..robot.robot import Robot
-from .compiled_model import compilable, curved, of_probes, predicted, probe_of, probed
+from .compiled_model import asked, compilable, of_probes, predicted, probe_of, probed
 from .measurements import Found, Request, Somewhere, Stacked
 from .model import GroupModel
 
@@ -78,16 +78,16 @@ class _Compiled:
     ) -> None:
         ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
         longest = int(np.argmax(ends))
-        asked = probed(requests)
-        probes = [probe_of(request, longest) for request in asked]
+        placed = probed(requests)
+        probes = [probe_of(request, longest) for request in placed]
         self._model = Predictions(robot, [*names, *others], [(actuation, loads)], [probes])
-        somewhere = [k for k, request in enumerate(asked) if isinstance(request.place, Somewhere)]
+        somewhere = [k for k, request in enumerate(placed) if isinstance(request.place, Somewhere)]
         self._places = [self._model.numbers(f"probes[{k}].arc_length") for k in somewhere]
         self._loads = [self._model.numbers(name) for name in names]
         self._joints = [self._model.numbers(name) for name in ("rotations", "translations")]
         self._requests = requests
-        self._curved = curved(requests)
-        self._alike = len(asked) == len(requests) and len({request.kind for request in requests}) == 1
+        self._asked = asked(requests)
+        self._alike = len(placed) == len(requests) and len({request.kind for request in requests}) == 1
         self.unknowns = self._model.unknowns
 
     def actuated(self, actuation: Actuation) -> None:
@@ -100,7 +100,7 @@ class _Compiled:
             start += len(own)
         for place, where in zip(self._places, s, strict=True):
             place[0] = where
-        told = self._model.at(z[None], self._curved)
+        told = self._model.at(z[None], **self._asked)
         if told.failed[0]:
             raise EstimationError("compiled code refused these loads: its steps cannot be laid out")
         found: Found

@@ -1,11 +1,5 @@
 /* One sweep that leaves the tip conditions, predictions at probes, and the derivatives of all of them. SI. */
 
-typedef struct {
-  double *residual, *slopes; /* NZ; NZ x columns: unknowns, then directions */
-  double *poses, *rates;     /* of each probe 3 x 4; 6 x columns: position, and turn of the material frame in the world */
-  double *curvatures, *curvature_rates; /* or NULL; of each probe's tube in its material frame: 3; 3 x columns */
-} Answer;
-
 /* The material frame of a tube at a state, 3 x 4 with the position. */
 static void pose_of(const Layout *layout, const double *x, int tube, double *pose) {
   double frame[9], turn_rows[BEHIND_INNER];
@@ -48,12 +42,6 @@ static double slides(const Layout *layout, const Lane *lane, int point) {
   const int own = rides >= 0 ? lane->kind == BY_TRANSLATION && lane->index == rides
                              : lane->kind == BY_PLACE && lane->index == point;
   return (double)own - (mover >= 0 && layout->at[layout->of_point[point]].mover == mover);
-}
-
-static int last_node(const Tableau *rk) {
-  int node = rk->stages - 1;
-  while (rk->nodes[node] != 1.0) node--;
-  return node;
 }
 
 /* At a node of a step: the change of the state with arc length, and the nonzeros of its derivatives by parts. */
@@ -203,7 +191,8 @@ static int evaluate(Layout *layout, const double *z, const Asked *asked, Answer 
   start_state(&c, z, x);
   start_lanes(&lanes);
   probe_all(&lanes, -1, x, answer);
-  jump_lanes(&lanes, 0, c.start, x);
+  if (answer->forces) start_forces(&lanes, answer);
+  jump_lanes(&lanes, 0, ALL, c.start, x);
   bend_all(&lanes, 0, 0, x, answer);
   for (int k = 0; k < c.track.steps; k++) {
     const double *column = c.columns + (size_t)k * column_size(c.track.rk);
@@ -214,7 +203,8 @@ static int evaluate(Layout *layout, const double *z, const Asked *asked, Answer 
     if (!last) continue;
     probe_all(&lanes, k, x, answer);
     bend_all(&lanes, section + 1, 1, x, answer);
-    if (c.flags[k] & LOADED) jump_lanes(&lanes, section + 1, point_data(c.track.rk, column), x);
+    if (answer->forces && cross(&lanes, section + 1, x, answer)) return NO_MEMORY;
+    if (!answer->forces && c.flags[k] & LOADED) jump_lanes(&lanes, section + 1, ALL, point_data(c.track.rk, column), x);
     bend_all(&lanes, section + 1, 0, x, answer);
   }
   tip(&lanes, x, answer);
