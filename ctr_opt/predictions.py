@@ -26,12 +26,12 @@ from .robot.parameters import chosen, parameters
 from .robot.robot import Robot
 from .solvers.native import LoadRows, Questions, RobotTable
 
-__all__ = ["Predicted", "Predictions", "Probe", "supported"]
+__all__ = ["Predicted", "Predictions", "Probe", "piecewise_constant", "supported"]
 
 
 @attrs.frozen
 class Probe:
-    """Where a pose is predicted: an arc length, m, or ``None``: a distal end; of a tube, or ``None``: the innermost.
+    """Where something is predicted: an arc length, m, or ``None``: a distal end; of a tube, or ``None``: the innermost.
 
     ``Probe()`` is the tip. An arc length stays where it is when tubes are moved, a distal end moves along.
     """
@@ -55,9 +55,12 @@ class Predicted:
     poses, rates
         ``(e, probes, 3, 4)``: orientation of the tube's material frame and position, m; ``(e, probes, 6, unknowns +
         parameters)``: derivatives of the position, and world angular velocities.
-    inner, inner_rates
-        ``(e, probes, 3 + tubes)``: the tube's angle, the robot's bending moments in the backbone frame and every tube's
-        torsional moment, N m, before any load there; and their derivatives. None unless they were asked for.
+    curvatures, curvature_rates
+        ``(e, probes, 3)``: of the tube in its material frame, 1/m, behind any load there; at the tube's end the limit
+        from within it; ``(e, probes, 3, unknowns + parameters)``. None unless they were asked for.
+    forces, force_rates
+        ``(e, tubes)``: of the actuators on the tubes' bases, N, as ``Equilibrium.actuator_wrench`` has them, where the
+        precurvatures are constant piece by piece; ``(e, tubes, unknowns + parameters)``. None unless asked for.
     failed
         ``(e,)``: zero, or why there is nothing.
     """
@@ -67,8 +70,10 @@ class Predicted:
     poses: Array
     rates: Array
     failed: NDArray[np.intc]
-    inner: Array | None = None
-    inner_rates: Array | None = None
+    curvatures: Array | None = None
+    curvature_rates: Array | None = None
+    forces: Array | None = None
+    force_rates: Array | None = None
 
 
 class Predictions:
@@ -185,28 +190,39 @@ class Predictions:
             raise DefinitionError("experiments: loads of one name must be of one kind in all of them")
         return found
 
-    def at(self, unknowns: Array, inner: bool = False) -> Predicted:
+    def at(self, unknowns: Array, *, curvatures: bool = False, forces: bool = False) -> Predicted:
         """Everything at unknowns ``(experiments, unknowns)``, N m and N, in the order of ``Equilibrium.unknowns``."""
+        if forces and not piecewise_constant(self.robot):
+            raise DefinitionError("forces: compiled code tells them of precurvatures that are constant piece by piece")
         count, probes, directions = self._sizes
         z = np.ascontiguousarray(array(unknowns, "unknowns", (count, self.unknowns)))
-        columns, inside = self.unknowns + directions, 3 + len(self.robot.tubes)
+        columns, tubes = self.unknowns + directions, len(self.robot.tubes)
         residual, slopes = np.empty((count, self.unknowns)), np.empty((count, self.unknowns, columns))
         poses, rates = np.empty((count, probes, 3, 4)), np.empty((count, probes, 6, columns))
-        more = [np.empty((count, probes, inside, *last)) for last in ((), (columns,))] if inner else []
+        bends, bend_rates = (np.empty((count, probes, 3, *x)) if curvatures else None for x in ((), (columns,)))
+        pushes, push_rates = (np.empty((count, tubes, *x)) if forces else None for x in ((), (columns,)))
         failed = np.empty(count, dtype=np.intc)
         case = (self._table.address, self._addresses.ctypes.data, self._actuations.ctypes.data, z.ctypes.data, count)
-        out = [each.ctypes.data for each in (residual, slopes, poses, rates, *more)] + [None] * (2 - len(more))
+        every = (residual, slopes, poses, rates, bends, bend_rates, pushes, push_rates)
+        out = [None if each is None else each.ctypes.data for each in every]
         if self._native.models(*case, self.refinements, self._questions.addresses, *out, failed.ctypes.data):
-            for each in (residual, slopes, poses, rates, *more):
-                each[failed != 0] = np.nan
-        slopes, rates, *last = (self._combined(each) for each in (slopes, rates, *more[1:]))
-        return Predicted(residual, slopes, poses, rates, failed, *more[:1], *last)
+            for each in every:
+                if each is not None:
+                    each[failed != 0] = np.nan
+        slopes, rates = self._combined(slopes), self._combined(rates)
+        more = [None if each is None else self._combined(each) for each in (bend_rates, push_rates)]
+        return Predicted(residual, slopes, poses, rates, failed, bends, more[0], pushes, more[1])
 
     def _combined(self, rates: Array) -> Array:
         """From derivatives by directions to those by parameters."""
         if self._plain:
             return rates
         return np.concatenate((rates[..., : self.unknowns], rates[..., self.unknowns :] @ self._combination), axis=-1)
+
+
+def piecewise_constant(robot: Robot) -> bool:
+    """Whether the tubes' precurvatures are constant piece by piece, so that compiled code tells actuators' forces."""
+    return all(len(tube.shape.coefficients) == 1 for tube in robot.tubes)
 
 
 def _each(probes: Sequence[object], experiments: Sequence[Experiment]) -> list[list[Probe]]:

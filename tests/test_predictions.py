@@ -113,7 +113,8 @@ class Away:
         self.rng, self.robot, self.actuation, self.loads, probes = case(10 + seed, 1 + seed % 3, body)
         ends = tube_ends(self.robot, self.actuation)
         self.probes = [*probes[:3], Probe(0.81 * ends[0]), *probes[4:]]
-        self.unit = max(t.bending_stiffness for t in self.robot.tubes) / ends.max()
+        self.length = ends.max()
+        self.unit = max(t.bending_stiffness for t in self.robot.tubes) / self.length
         self.names = names_of(self.robot, self.actuation, self.loads)
         self.z = 0.3 * self.unit * self.rng.normal(size=self.at([], np.zeros(0)).slopes.shape[-1])
         self.direction = self.rng.normal(size=len(self.z)) * self.unit
@@ -121,15 +122,16 @@ class Away:
     def at(self, names, z, probes=None, of=None):
         robot, actuation, loads = of or (self.robot, self.actuation, self.loads)
         model = Predictions(robot, names, [(actuation, loads)], probes or self.probes, refinements=1)
-        return model.at(z[None] if z.size else np.zeros((1, model.unknowns)), inner=True)
+        return model.at(z[None] if z.size else np.zeros((1, model.unknowns)), curvatures=True)
 
     def values(self, found, reference):
-        """Residual, poses as position and turn from a reference, and what is inside."""
+        """Residual, poses as position and turn from a reference, and curvatures times the robot's length."""
         poses = [pose_vector(a, b) for a, b in zip(found.poses[0], reference.poses[0], strict=True)]
-        return np.concatenate([found.residual[0] / self.unit, *poses, found.inner[0].ravel()])
+        return np.concatenate([found.residual[0] / self.unit, *poses, self.length * found.curvatures[0].ravel()])
 
     def slopes(self, found):
-        rows = [each[0].reshape(-1, each.shape[-1]) for each in (found.rates, found.inner_rates)]
+        pairs = [(found.rates, 1.0), (found.curvature_rates, self.length)]
+        rows = [factor * each[0].reshape(-1, each.shape[-1]) for each, factor in pairs]
         return np.concatenate([found.slopes[0] / self.unit, *rows])
 
     def with_unknowns(self, x):
@@ -182,11 +184,11 @@ def test_many_experiments_are_as_many_single_ones():
     probes = [[Probe(), Probe(rng.uniform(0.0, 0.03))] for _ in experiments]
     names = ["rotations", "tubes[1].bending_stiffness", "probes[1].arc_length"]
     z = 0.1 * rng.normal(size=(6, 4))
-    many = Predictions(made, names, experiments, probes).at(z, inner=True)
+    many = Predictions(made, names, experiments, probes).at(z, curvatures=True)
     assert many.rates.shape == (6, 2, 6, 4 + 4)
     for k, each in enumerate(experiments):
-        one = Predictions(made, names, [each], probes[k]).at(z[k : k + 1], inner=True)
-        for name in ("residual", "slopes", "poses", "rates", "inner", "inner_rates"):
+        one = Predictions(made, names, [each], probes[k]).at(z[k : k + 1], curvatures=True)
+        for name in ("residual", "slopes", "poses", "rates", "curvatures", "curvature_rates"):
             np.testing.assert_array_equal(getattr(one, name)[0], getattr(many, name)[k])
 
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ..errors import EstimationError
 from ..mechanics.sections import SAME_POINT
-from ..predictions import Predictions, Probe, supported
+from ..predictions import Predicted as Told
+from ..predictions import Predictions, Probe, piecewise_constant, supported
 from ..robot.actuation import Actuation
 from ..robot.checks import Array
 from ..robot.loads import Load
@@ -18,7 +19,7 @@ from ..solvers import compilation
 from ..solvers.native import LoadRows
 from .measurements import Distal, Predicted, Request, Somewhere
 
-_KINDS = ("pose", "torque")
+_PROBED = ("pose", "curvature")
 _SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
 _APART = 10.0 * SAME_POINT  # of the longest tube
 
@@ -34,16 +35,17 @@ def compilable(
     if wanted is False or (wanted is None and (compilation.on_request_only() or compilation.compiler() is None)):
         return False
     return (
-        all(_known(request) for request in requests)
+        all(_known(request, robot) for request in requests)
         and all(supported(name, robot, loads) for name in acting)
         and LoadRows.of(robot, loads) is not None
     )
 
 
-def _known(request: Request) -> bool:
-    """Whether it is a pose or torque, and of an end in the frame of the tube that ends there."""
-    others = isinstance(request.place, Distal) and request.tube not in (None, request.place.tube)
-    return request.kind in _KINDS and not others
+def _known(request: Request, robot: Robot) -> bool:
+    """Whether a force is of tubes whose precurvatures are constant, and an end that of the tube that ends there."""
+    if request.kind == "force":
+        return piecewise_constant(robot)
+    return not isinstance(request.place, Distal) or request.tube in (None, request.place.tube)
 
 
 class CompiledModel:
@@ -54,7 +56,11 @@ class CompiledModel:
 
     def __init__(self, requests: Sequence[Sequence[Request]], sizes: Mapping[str, int]) -> None:
         self.requests = requests[0]
-        self._requests = [[request for request in own if request.kind == "pose"] for own in requests]
+        self._requests = [probed(own) for own in requests]
+        self._asked = asked(requests[0])
+        self._numbers = np.array(
+            [[each.place if isinstance(each.place, float) else np.nan for each in own] for own in self._requests]
+        )
         self.acting = list(sizes)
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
@@ -75,46 +81,51 @@ class CompiledModel:
         that are somewhere.
         """
         model = self._model(robot, experiments, s)
-        told = model.at(z)
+        told = model.at(z, **self._asked)
         if told.failed.any():
             joints = _parted(robot, experiments, np.flatnonzero(told.failed))
-            ends = [tube.length for tube in robot.tubes] + joints[:, len(robot.tubes) :]
-            told = model.moved(robot, joints, self._places(np.minimum(s, ends.max(axis=1)[:, None]))).at(z)
+            ends = joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes]
+            places = self._places(np.minimum(s, ends.max(axis=1)[:, None])) | self._beyond(ends)
+            told = model.moved(robot, joints, places).at(z, **self._asked)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
-        slopes, rates = told.slopes, told.rates
         if self._turned is not None:
             first = model.unknowns + int(self._turned)
-            part = slice(first, first + 3)
-            slopes[..., part] = slopes[..., part] @ euler_rates(angles)
-            rates[..., part] = rates[..., part] @ euler_rates(angles)
-        found, probe = [], 0
-        for request in self.requests:
-            if request.kind == "pose":
-                found.append(Predicted(told.poses[:, probe], rates[:, probe]))
-                probe += 1
-            else:
-                assert request.tube is not None
-                found.append(torque_of(z, request.tube, slopes.shape[2]))
-        return told.residual, found, slopes
+            part, turn = slice(first, first + 3), euler_rates(angles)
+            for rates in (told.slopes, told.rates, told.curvature_rates, told.force_rates):
+                if rates is not None:
+                    rates[..., part] = rates[..., part] @ turn
+        return told.residual, predicted(self.requests, told, z), told.slopes
 
     def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], s: Array) -> Predictions:
         """The predictions, made anew only where loads, or what follows from the robot's numbers, are others."""
-        lengths = [tube.length for tube in robot.tubes]
-        longest = [int(np.argmax(lengths + actuation.translations)) for actuation, _ in experiments]
+        ends = np.array([actuation.translations for actuation, _ in experiments])
+        ends += [tube.length for tube in robot.tubes]
+        longest, beyond = ends.argmax(axis=1).tolist(), self._beyond(ends)
         if self._kept is not None and self._fixed and self._kept[0] == longest:
-            return self._kept[1].moved(robot, _joints(experiments), self._places(s))
+            return self._kept[1].moved(robot, _joints(experiments), self._places(s) | beyond)
         probes = [
             _probes(own, tube, places) for own, tube, places in zip(self._requests, longest, s.tolist(), strict=True)
         ]
-        self._kept = longest, Predictions(robot, self.acting, experiments, probes)
-        return self._kept[1]
+        for k, where in beyond.items():
+            for e in np.flatnonzero(np.isnan(where)):
+                probes[e][k] = Probe(None, probes[e][k].tube)
+        model = Predictions(robot, self.acting, experiments, probes)
+        self._kept = None if beyond else (longest, model)
+        return model
 
     def _places(self, s: Array) -> dict[int, Array]:
         """Arc lengths of the probes that are somewhere, by their numbers."""
         somewhere = [k for k, request in enumerate(self._requests[0]) if isinstance(request.place, Somewhere)]
         return dict(zip(somewhere, s.T, strict=True))
+
+    def _beyond(self, ends: Array) -> dict[int, Array]:
+        """The arc lengths of probes that lie beyond their tubes' ends in some experiments; NaN there: at the end."""
+        length = ends.max(axis=1)
+        own = np.array([length if request.tube is None else ends[:, request.tube] for request in self._requests[0]])
+        beyond = self._numbers > own.T.reshape(self._numbers.shape) + SAME_POINT * length[:, None]
+        return {int(k): np.where(beyond[:, k], np.nan, self._numbers[:, k]) for k in np.flatnonzero(beyond.any(axis=0))}
 
 
 def _joints(experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Array:
@@ -131,7 +142,46 @@ def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]
     return joints
 
 
-def torque_of(z: Array, tube: int, columns: int) -> Predicted:
+def probed(requests: Sequence[Request]) -> list[Request]:
+    """Those that are predicted at a probe each."""
+    return [request for request in requests if request.kind in _PROBED]
+
+
+def asked(requests: Sequence[Request]) -> dict[str, bool]:
+    """What is asked for beside poses."""
+    kinds = {request.kind for request in requests}
+    return {"curvatures": "curvature" in kinds, "forces": "force" in kinds}
+
+
+def predicted(requests: Sequence[Request], told: Told, z: Array) -> list[Predicted]:
+    """The predictions asked for, at base moments ``z (E, unknowns)``."""
+    found, probe = [], 0
+    for request in requests:
+        if request.kind in _PROBED:
+            value, rates = of_probes(request.kind, told)
+            found.append(Predicted(value[:, probe], rates[:, probe]))
+            probe += 1
+            continue
+        tube = request.tube or 0
+        if request.kind == "torque":
+            found.append(_torque(z, tube, told.slopes.shape[2]))
+            continue
+        assert told.forces is not None
+        assert told.force_rates is not None
+        found.append(Predicted(told.forces[:, tube, None], told.force_rates[:, tube, None]))
+    return found
+
+
+def of_probes(kind: str, told: Told) -> tuple[Array, Array]:
+    """Poses or curvatures at all probes, and their derivatives."""
+    if kind == "pose":
+        return told.poses, told.rates
+    assert told.curvatures is not None
+    assert told.curvature_rates is not None
+    return told.curvatures, told.curvature_rates
+
+
+def _torque(z: Array, tube: int, columns: int) -> Predicted:
     """An actuator's torque, by base moments ``z (E, unknowns)`` alone, and as many columns of slopes."""
     slopes = np.zeros((len(z), 1, columns))
     slopes[:, 0, 2 + tube] = -1.0
@@ -139,7 +189,7 @@ def torque_of(z: Array, tube: int, columns: int) -> Predicted:
 
 
 def probe_of(request: Request, longest: int, s: float = 0.0) -> Probe:
-    """Where a pose is asked for; that of a point somewhere on the ``longest`` tube at ``s``."""
+    """Where a pose or a curvature is asked for; that of a point somewhere on the ``longest`` tube at ``s``."""
     if isinstance(request.place, Somewhere):
         return Probe(s, longest)
     if isinstance(request.place, Distal):

@@ -20,8 +20,8 @@ from ..robot.checks import Array
 from ..robot.loads import Load
 from ..robot.parameters import parameters
 from ..robot.robot import Robot
-from .compiled_model import compilable, probe_of, torque_of
-from .measurements import Found, Predicted, Request, Somewhere, Stacked
+from .compiled_model import asked, compilable, of_probes, predicted, probe_of, probed
+from .measurements import Found, Request, Somewhere, Stacked
 from .model import GroupModel
 
 
@@ -78,15 +78,16 @@ class _Compiled:
     ) -> None:
         ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
         longest = int(np.argmax(ends))
-        poses = [request for request in requests if request.kind == "pose"]
-        probes = [probe_of(request, longest) for request in poses]
+        placed = probed(requests)
+        probes = [probe_of(request, longest) for request in placed]
         self._model = Predictions(robot, [*names, *others], [(actuation, loads)], [probes])
-        somewhere = [k for k, request in enumerate(poses) if isinstance(request.place, Somewhere)]
+        somewhere = [k for k, request in enumerate(placed) if isinstance(request.place, Somewhere)]
         self._places = [self._model.numbers(f"probes[{k}].arc_length") for k in somewhere]
         self._loads = [self._model.numbers(name) for name in names]
         self._joints = [self._model.numbers(name) for name in ("rotations", "translations")]
         self._requests = requests
-        self._poses = len(poses) == len(requests)
+        self._asked = asked(requests)
+        self._alike = len(placed) == len(requests) and len({request.kind for request in requests}) == 1
         self.unknowns = self._model.unknowns
 
     def actuated(self, actuation: Actuation) -> None:
@@ -99,18 +100,14 @@ class _Compiled:
             start += len(own)
         for place, where in zip(self._places, s, strict=True):
             place[0] = where
-        told = self._model.at(z[None])
+        told = self._model.at(z[None], **self._asked)
         if told.failed[0]:
             raise EstimationError("compiled code refused these loads: its steps cannot be laid out")
-        if self._poses:
-            return Told(told.residual[0], told.slopes[0], Stacked(told.poses, told.rates))
-        found, probe = [], 0
-        for request in self._requests:
-            if request.kind == "pose":
-                found.append(Predicted(told.poses[:, probe], told.rates[:, probe]))
-                probe += 1
-            else:
-                found.append(torque_of(z[None], request.tube or 0, told.slopes.shape[2]))
+        found: Found
+        if self._alike:
+            found = Stacked(*of_probes(self._requests[0].kind, told))
+        else:
+            found = predicted(self._requests, told, z[None])
         return Told(told.residual[0], told.slopes[0], found)
 
 

@@ -23,6 +23,14 @@ typedef struct {
   int probe_count;
 } Asked;
 
+/* What is told at unknowns and an actuation; SI. */
+typedef struct {
+  double *residual, *slopes; /* NZ; NZ x columns: unknowns, then directions */
+  double *poses, *rates;     /* of each probe 3 x 4; 6 x columns: position, and turn of the material frame in the world */
+  double *curvatures, *curvature_rates; /* or NULL; of each probe's tube in its material frame: 3; 3 x columns */
+  double *forces, *force_rates;         /* or NULL; of each actuator; TUBES x columns */
+} Answer;
+
 enum { BLOCK = 8 }; /* lanes side by side */
 
 typedef struct {

@@ -222,12 +222,12 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
 /* Residual, predictions and their derivatives at unknowns that need not be those of an equilibrium: see model.h. The steps
    are halved so often. */
 static int model(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
-                 const Asked *asked, double *residual, double *slopes_, double *poses, double *rates_, double *inner,
-                 double *inner_rates) {
+                 const Asked *asked, double *residual, double *slopes_, double *poses, double *rates_, double *curvatures,
+                 double *curvature_rates, double *forces, double *force_rates) {
   empty();
   Layout layout;
   double scaled[NZ];
-  Answer answer = {residual, slopes_, poses, rates_, inner, inner_rates};
+  Answer answer = {residual, slopes_, poses, rates_, curvatures, curvature_rates, forces, force_rates};
   const int failed = again(robot, loads, actuation, refinements, &layout);
   if (failed) return failed;
   for (int i = 0; i < NZ; i++) scaled[i] = z[i] / unit_of(&layout, i);
@@ -238,14 +238,16 @@ static int model(const Robot *robot, const Loads *loads, const double *actuation
    return. Returns how many failed. */
 EXPORT int models(const Robot *robot, const Loads *const *loads, const double *actuations, const double *z, int count,
                   int refinements, const Asked *const *asked, double *residual, double *slopes_, double *poses,
-                  double *rates_, double *inner, double *inner_rates, int *failed) {
+                  double *rates_, double *curvatures, double *curvature_rates, double *forces,
+                  double *force_rates, int *failed) {
   int failures = 0;
   for (int k = 0; k < count; k++) {
     const size_t columns = NZ + asked[k]->count, probes = asked[k]->probe_count;
     failed[k] = model(robot, loads[k], actuations + k * 2 * TUBES, z + k * NZ, refinements, asked[k], residual + k * NZ,
                       slopes_ + k * NZ * columns, poses + k * probes * 12, rates_ + k * probes * 6 * columns,
-                      inner ? inner + k * probes * INSIDE : NULL,
-                      inner_rates ? inner_rates + k * probes * INSIDE * columns : NULL);
+                      curvatures ? curvatures + k * probes * 3 : NULL,
+                      curvature_rates ? curvature_rates + k * probes * 3 * columns : NULL,
+                      forces ? forces + k * TUBES : NULL, force_rates ? force_rates + k * TUBES * columns : NULL);
     failures += failed[k] != 0;
   }
   return failures;
@@ -276,7 +278,7 @@ EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuatio
   const int probe_[2] = {loads->points, tube};
   const Asked asked = {directions_, DERIVED, NULL, probe_, 1};
   double residual[NZ], slopes_[NZ * COLUMNS], rates_[6 * COLUMNS], total[6 * DERIVED];
-  Answer answer = {residual, slopes_, pose, rates_, NULL, NULL};
+  Answer answer = {residual, slopes_, pose, rates_, NULL, NULL, NULL, NULL};
   failed = evaluate(&layout, z, &asked, &answer);
   if (!failed) failed = total_rates(6, DERIVED, slopes_, rates_, total);
   for (int r = 0; r < 6 && !failed; r++) {

@@ -97,18 +97,30 @@ static void change_at(void *pointer, int stage) {
   }
 }
 
+static int last_node(const Tableau *rk) {
+  int node = rk->stages - 1;
+  while (rk->nodes[node] != 1.0) node--;
+  return node;
+}
+
+/* What the directions of a block change all along a step. */
+static int begin_change(const Lanes *lanes, int b, int step, Change *change) {
+  int what = 0;
+  change->lanes = lanes;
+  change->lane = lanes->lane + b * BLOCK;
+  change->step = step;
+  memset(change->longer, 0, sizeof change->longer);
+  if (lanes->by_data) memset(change->change, 0, sizeof change->change);
+  for (int l = 0; l < BLOCK; l++) what |= change_lane(change, l);
+  return what;
+}
+
 /* A block through a step that was recorded. */
 static void carry_block(Lanes *lanes, int b, int step, const double *linear) {
   const Case *c = lanes->c;
   double *along = lanes->along + (size_t)b * NX * BLOCK;
   Change change;
-  change.lanes = lanes;
-  change.lane = lanes->lane + b * BLOCK;
-  change.step = step;
-  memset(change.longer, 0, sizeof change.longer);
-  if (lanes->by_data) memset(change.change, 0, sizeof change.change);
-  int what = 0;
-  for (int l = 0; l < BLOCK; l++) what |= change_lane(&change, l);
+  const int what = begin_change(lanes, b, step, &change);
   if (!what && !lanes->awake[b]) return;
   lanes->awake[b] = 1;
   const Forcing forcing = {change_at, &change, what & CHANGED ? change.change : NULL, change.longer};
@@ -127,8 +139,13 @@ static void change_load(const Lanes *lanes, const Lane *lane, const double *x, d
   for (int r = 0; r < NX; r++) along[r * BLOCK] += plain[r] - x[r];
 }
 
-/* State and directions behind the point loads of a break point. */
-static void jump_lanes(Lanes *lanes, int at, const double *point, double *x) {
+/* The tube on whose end a point load rides, or FIXED. */
+static int rider(const double *row) { return isnan(row[LOAD_S]) ? (int)row[LOAD_TUBE] : FIXED; }
+
+enum { ALL = -2 };
+
+/* State and directions behind the point loads of a break point: ALL, or those that ride on a tube's end, or FIXED. */
+static void jump_lanes(Lanes *lanes, int at, int rides, const double *point, double *x) {
   double inner[BEHIND_INNER], outer[BEHIND_OUTER], y[NX];
   behind_slopes(x, point, inner, outer);
   for (int b = 0; b < lanes->blocks; b++) {
@@ -141,6 +158,7 @@ static void jump_lanes(Lanes *lanes, int at, const double *point, double *x) {
     for (int l = 0; l < BLOCK; l++) {
       const Lane *lane = lanes->lane + b * BLOCK + l;
       if ((lane->kind != BY_FORCE && lane->kind != BY_MOMENT) || lanes->c->layout->of_point[lane->index] != at) continue;
+      if (rides != ALL && rider(point_row(lanes->c->layout, lane->index)) != rides) continue;
       change_load(lanes, lane, x, along + l);
       lanes->awake[b] = 1;
     }

@@ -1,13 +1,5 @@
 /* One sweep that leaves the tip conditions, predictions at probes, and the derivatives of all of them. SI. */
 
-typedef struct {
-  double *residual, *slopes; /* NZ; NZ x columns: unknowns, then directions */
-  double *poses, *rates;     /* of each probe 3 x 4; 6 x columns: position, and turn of the material frame in the world */
-  double *inner, *inner_rates; /* or NULL; of each probe the tube's angle, m_xy, tau: INSIDE; INSIDE x columns */
-} Answer;
-
-enum { INSIDE = 3 + TUBES };
-
 /* The material frame of a tube at a state, 3 x 4 with the position. */
 static void pose_of(const Layout *layout, const double *x, int tube, double *pose) {
   double frame[9], turn_rows[BEHIND_INNER];
@@ -36,14 +28,6 @@ static void pose_rates(const Layout *layout, const double *x, const double *alon
     }
 }
 
-/* Angle, m_xy and tau, or changes of them, out of a state or lanes. */
-static void inside(const Layout *layout, const double *x, int tube, const int width, double *out) {
-  const double moment = moment_scale(layout);
-  for (int k = 0; k < width; k++) out[k] = x[(AT_ANGLES + tube) * width + k];
-  for (int r = 0; r < 2 + TUBES; r++) /* tau stands behind m_xy */
-    for (int k = 0; k < width; k++) out[(1 + r) * width + k] = x[(AT_BENDING + r) * width + k] * moment;
-}
-
 static void scatter(const Lanes *lanes, int b, int rows, const double *from, double *to) {
   for (int l = 0; l < BLOCK; l++) {
     const int column = lanes->lane[b * BLOCK + l].to;
@@ -60,41 +44,39 @@ static double slides(const Layout *layout, const Lane *lane, int point) {
   return (double)own - (mover >= 0 && layout->at[layout->of_point[point]].mover == mover);
 }
 
-/* The change of the state with arc length, at the end of a step or at the beginning of the first. */
-static void state_rate(const Case *c, int step, const double *x, double *rate) {
-  const Tableau *rk = c->track.rk;
+/* At a node of a step: the change of the state with arc length, and the nonzeros of its derivatives by parts. */
+static void equations_at(const Case *c, int step, int node, const double *x, double *rate, double *by_parts,
+                         double *outer) {
   const double *data[PARTS];
-  const int first = step < 0, k = first ? 0 : step;
-  int node = first ? 0 : rk->stages - 1;
-  while (!first && rk->nodes[node] != 1.0) node--;
-  at_node(&c->track, c->columns + (size_t)k * column_size(rk), node, data);
-  double by_parts[INNER], outer[OUTER]; /* not `rates`: the compiler makes it part of `advance`, its only user */
-  if (c->flags[k] & DISTRIBUTED) slopes(x, data, rate, by_parts, outer);
-  else free_slopes(x, data, rate, by_parts, outer);
+  at_node(&c->track, c->columns + (size_t)step * column_size(c->track.rk), node, data);
+  if (c->flags[step] & DISTRIBUTED) slopes_by_data(x, data, rate, by_parts, outer);
+  else free_slopes_by_data(x, data, rate, by_parts, outer);
 }
 
-/* Predictions at a probe: at the end of a step before any load there, or at the entry (step -1). */
-static void probe(const Lanes *lanes, int k, int step, const double *x, Answer *answer) {
+/* The directions of a block at a probe that may move along the robot. */
+static void slide(const Lanes *lanes, int b, int point, const double *rate, double *moved) {
   const Layout *layout = lanes->c->layout;
+  memcpy(moved, lanes->along + (size_t)b * NX * BLOCK, sizeof(double) * NX * BLOCK);
+  for (int l = 0; l < BLOCK; l++) {
+    const double past = slides(layout, lanes->lane + b * BLOCK + l, point) / layout->length;
+    for (int r = 0; r < NX && past != 0.0; r++) moved[r * BLOCK + l] += past * rate[r];
+  }
+}
+
+/* The pose at a probe: at the end of a step before any load there, or at the entry (step -1). */
+static void probe(const Lanes *lanes, int k, int step, const double *x, Answer *answer) {
+  const Case *c = lanes->c;
+  const Layout *layout = c->layout;
   const int point = lanes->asked->probes[2 * k], tube = lanes->asked->probes[2 * k + 1];
-  const size_t columns = lanes->columns;
-  double rate[NX] = {0}, after[NX], out[(6 + INSIDE) * BLOCK], moved[NX * BLOCK];
+  double rate[NX], by_parts[INNER_BY_DATA], outer[OUTER_BY_DATA], after[NX], out[6 * BLOCK], moved[NX * BLOCK];
   pose_of(layout, x, tube, answer->poses + 12 * (size_t)k);
-  if (answer->inner) inside(layout, x, tube, 1, answer->inner + INSIDE * (size_t)k);
   memcpy(after, x, sizeof after);
-  if (step < 0) behind(x, lanes->c->start, after);
-  state_rate(lanes->c, step, after, rate);
+  if (step < 0) behind(x, c->start, after);
+  equations_at(c, step < 0 ? 0 : step, step < 0 ? 0 : last_node(c->track.rk), after, rate, by_parts, outer);
   for (int b = 0; b < lanes->blocks; b++) {
-    memcpy(moved, lanes->along + (size_t)b * NX * BLOCK, sizeof moved);
-    for (int l = 0; l < BLOCK; l++) {
-      const double past = slides(layout, lanes->lane + b * BLOCK + l, point) / layout->length;
-      for (int r = 0; r < NX && past != 0.0; r++) moved[r * BLOCK + l] += past * rate[r];
-    }
+    slide(lanes, b, point, rate, moved);
     pose_rates(layout, x, moved, tube, out);
-    scatter(lanes, b, 6, out, answer->rates + 6 * columns * k);
-    if (!answer->inner_rates) continue;
-    inside(layout, moved, tube, BLOCK, out);
-    scatter(lanes, b, INSIDE, out, answer->inner_rates + INSIDE * columns * k);
+    scatter(lanes, b, 6, out, answer->rates + 6 * (size_t)lanes->columns * k);
   }
 }
 
@@ -102,6 +84,64 @@ static void probe_all(const Lanes *lanes, int step, const double *x, Answer *ans
   const Layout *layout = lanes->c->layout;
   for (int k = 0; k < lanes->asked->probe_count; k++)
     if (layout->last[layout->of_point[lanes->asked->probes[2 * k]]] == step) probe(lanes, k, step, x, answer);
+}
+
+/* The precurvatures that a probe passes by as it moves along the robot. */
+static void pass_by(const Lanes *lanes, int b, int point, const double *shift, double *change) {
+  const Layout *layout = lanes->c->layout;
+  for (int l = 0; l < BLOCK; l++) {
+    const double past = slides(layout, lanes->lane + b * BLOCK + l, point) / layout->length;
+    for (int r = 0; r < 3 * TUBES && past != 0.0; r++) change[(DATA_PRECURVATURE + r) * BLOCK + l] += past * shift[r];
+  }
+}
+
+/* The curvature at a probe, at a node of a step: that of the backbone turned into the tube's frame, and the tube's twist. */
+static void bend(const Lanes *lanes, int k, int step, int node, const double *x, Answer *answer) {
+  const Case *c = lanes->c;
+  const Layout *layout = c->layout;
+  const int point = lanes->asked->probes[2 * k], tube = lanes->asked->probes[2 * k + 1];
+  const double *shift = c->shift + ((size_t)step * c->track.rk->stages + node) * 3 * TUBES, unit = 1.0 / layout->length;
+  const double along_x = cos(x[AT_ANGLES + tube]), along_y = sin(x[AT_ANGLES + tube]);
+  double rate[NX], by_parts[INNER_BY_DATA], outer[OUTER_BY_DATA], frame[9], turn_rows[BEHIND_INNER], u[3];
+  equations_at(c, step, node, x, rate, by_parts, outer);
+  attitude(x, frame, turn_rows);
+  apply_turn(turn_rows, rate, u, 1);
+  const double own[3] = {along_x * u[0] + along_y * u[1], along_x * u[1] - along_y * u[0], rate[AT_ANGLES + tube]};
+  for (int r = 0; r < 3; r++) answer->curvatures[3 * (size_t)k + r] = own[r] * unit;
+  for (int b = 0; b < lanes->blocks; b++) {
+    Change change;
+    double moved[NX * BLOCK], part[5 * BLOCK], turned[NX * BLOCK], out[3 * BLOCK];
+    slide(lanes, b, point, rate, moved);
+    if (begin_change(lanes, b, step, &change) & CHANGED) {
+      change_at(&change, node);
+      if (c->flags[step] & VARYING) pass_by(lanes, b, point, shift, change.change);
+      apply_by_parts_and_data(by_parts, moved, change.change, part, BLOCK);
+      apply_slopes_and_tubes(outer, moved, part, change.change, turned, BLOCK);
+    } else {
+      apply_by_parts(by_parts, moved, part, BLOCK);
+      apply_slopes(outer, moved, part, turned, BLOCK);
+    }
+    const double *x_change = part + 3 * BLOCK, *y_change = part + 4 * BLOCK;
+    const double *turn = moved + (AT_ANGLES + tube) * BLOCK, *twist = turned + (AT_ANGLES + tube) * BLOCK;
+    for (int l = 0; l < BLOCK; l++) {
+      out[l] = (along_x * x_change[l] + along_y * y_change[l] + own[1] * turn[l]) * unit;
+      out[BLOCK + l] = (along_x * y_change[l] - along_y * x_change[l] - own[0] * turn[l]) * unit;
+      out[2 * BLOCK + l] = twist[l] * unit;
+    }
+    scatter(lanes, b, 3, out, answer->curvature_rates + 3 * (size_t)lanes->columns * k);
+  }
+}
+
+/* Curvatures at a break point: of tubes that end there before any load, of others behind it. */
+static void bend_all(const Lanes *lanes, int at, int ended, const double *x, Answer *answer) {
+  const Layout *layout = lanes->c->layout;
+  const int before = layout->last[at];
+  for (int k = 0; k < lanes->asked->probe_count && answer->curvatures; k++) {
+    const int *row = lanes->asked->probes + 2 * k;
+    if (layout->of_point[row[0]] != at || (at > 0 && layout->at[at].s >= layout->ends[row[1]]) != ended) continue;
+    if (ended) bend(lanes, k, before, last_node(lanes->c->track.rk), x, answer);
+    else bend(lanes, k, before + 1, 0, x, answer);
+  }
 }
 
 static int check_probes(const Layout *layout, const Asked *asked) {
@@ -133,8 +173,8 @@ static void move_all(const Lanes *lanes, Answer *answer) {
     for (int i = 0; i < NZ; i++) answer->slopes[(size_t)i * lanes->columns + column] = 0.0;
     for (int p = 0; p < lanes->asked->probe_count; p++) {
       for (int r = 0; r < 6; r++) answer->rates[(6 * (size_t)p + r) * lanes->columns + column] = r == row[2];
-      for (int r = 0; r < INSIDE && answer->inner_rates; r++)
-        answer->inner_rates[(INSIDE * (size_t)p + r) * lanes->columns + column] = 0.0;
+      for (int r = 0; r < 3 && answer->curvature_rates; r++)
+        answer->curvature_rates[(3 * (size_t)p + r) * lanes->columns + column] = 0.0;
     }
   }
 }
@@ -151,15 +191,21 @@ static int evaluate(Layout *layout, const double *z, const Asked *asked, Answer 
   start_state(&c, z, x);
   start_lanes(&lanes);
   probe_all(&lanes, -1, x, answer);
-  jump_lanes(&lanes, 0, c.start, x);
+  if (answer->forces) start_forces(&lanes, answer);
+  jump_lanes(&lanes, 0, ALL, c.start, x);
+  bend_all(&lanes, 0, 0, x, answer);
   for (int k = 0; k < c.track.steps; k++) {
     const double *column = c.columns + (size_t)k * column_size(c.track.rk);
     const int section = layout->step[k].section, last = layout->last[section + 1] == k;
     if (lanes.by_data) record(&c.track, column, c.flags[k], 1, x, linear);
     else record(&c.track, column, c.flags[k], 0, x, linear);
     for (int b = 0; b < lanes.blocks; b++) carry_block(&lanes, b, k, linear);
-    if (last) probe_all(&lanes, k, x, answer);
-    if (last && c.flags[k] & LOADED) jump_lanes(&lanes, section + 1, point_data(c.track.rk, column), x);
+    if (!last) continue;
+    probe_all(&lanes, k, x, answer);
+    bend_all(&lanes, section + 1, 1, x, answer);
+    if (answer->forces && cross(&lanes, section + 1, x, answer)) return NO_MEMORY;
+    if (!answer->forces && c.flags[k] & LOADED) jump_lanes(&lanes, section + 1, ALL, point_data(c.track.rk, column), x);
+    bend_all(&lanes, section + 1, 0, x, answer);
   }
   tip(&lanes, x, answer);
   move_all(&lanes, answer);

@@ -197,7 +197,7 @@ class Native:
         self.cold = function("cold", *case, _ADDRESS, _ADDRESS, _LONG)
         self.many = function("many", *case, _INT, _ADDRESS, _INT, _ADDRESS, _ADDRESS, _LONG, _ADDRESS)
         self.derive = function("derive", *case, _ADDRESS, _INT, _INT, _ADDRESS, _ADDRESS)
-        self.models = function("models", *case, _ADDRESS, _INT, _INT, *[_ADDRESS] * 8)
+        self.models = function("models", *case, _ADDRESS, _INT, _INT, *[_ADDRESS] * 10)
         self.stability = function("stability", *case, _ADDRESS, ctypes.POINTER(ctypes.c_double))
         self.inspect = function("inspect", *case, _ADDRESS, _ADDRESS)
         self.integrate = function("integrate", *case, _ADDRESS, _INT, _INT, _ADDRESS)

@@ -23,6 +23,7 @@ from ..mechanics.sections import LARGEST_TURN, MOST_STEPS, SAME_POINT
 from ..mechanics.so3 import rotation_matrix, turn_of
 from ..mechanics.state import State, slices
 from .columns import StepColumns
+from .integrals import integral_functions
 from .integrators import runge_kutta
 from .second_variation import second_variation_functions
 from .shooting import shooting_functions
@@ -39,6 +40,7 @@ _DRIVER = (
     "stability.h",
     "directions.h",
     "forcing.h",
+    "actuators.h",
     "model.h",
     "driver.c",
 )
@@ -152,7 +154,7 @@ class _Model:
         """Rates, their derivatives, and the effect of a point load."""
         own = [self._rates(), self._slopes(), self._behind(), self._behind_slopes(), self._attitude()]
         own += [self._free(own[0]), self._free(own[1]), self._slopes_by_data("slopes_by_data", self._by_everything)]
-        own.append(self._free(self._slopes_by_data("slopes_by_data", self._by_tubes)))
+        own += [self._free(self._slopes_by_data("slopes_by_data", self._by_tubes)), self._hamiltonian()]
         return own if self.kind.live else [*own, *self._second_variation()]
 
     def products(self) -> str:
@@ -263,6 +265,13 @@ class _Model:
         """The backbone frame, row by row, and what makes a turn of a change of the state."""
         frame = rotation_matrix(self.state.orientation).T
         return _Routine("attitude", {"x": self.x}, {"frame": frame, "inner": _nonzeros(self._turn_rows)})
+
+    def _hamiltonian(self) -> _Routine:
+        """The Hamiltonian and its derivatives by state and data."""
+        value = integral_functions(self.tubes, "RK8", self.kind).hamiltonian(self.x, self.column)
+        outputs = {"value": value, "by_state": ca.gradient(value, self.x)}
+        outputs["by_data"] = ca.gradient(value, ca.vertcat(*self.data.values()))
+        return _Routine("hamiltonian", self._inputs(), outputs)
 
     def _second_variation(self) -> list[_Routine]:
         """The parts of the count of negative directions; directions stand row by row, other matrices by columns."""
