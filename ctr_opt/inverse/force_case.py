@@ -351,7 +351,7 @@ def _check_smoothness(force: DistributedForce, scale: Array, field: str) -> None
     most = _STIFFEST / float(np.linalg.eigvalsh(force.roughness)[-1] * scale.max() ** 2)
     if force.smoothness is not None and force.smoothness > most:
         raise DefinitionError(
-            f"{field} = {force.smoothness:g} m^5/N^2 must be at most {most:.1e}: with less it is a straight line already"
+            f"{field} = {force.smoothness:g} m^5/N^2 must be at most {most:.1e}: with less it is a straight line"
         )
 
 
