@@ -40,7 +40,8 @@ class Sought:
     """What is sought and how the model takes it: ``numbers = mixing @ x``, by their scale, prior and bounds.
 
     ``spread (others, q)``: factor of the covariance of the model's other numbers, which are known with errors only:
-    they change by ``spread @ e``, where ``e`` is standard normal.
+    they change by ``spread @ e``, where ``e`` is standard normal. Where more is known of ``x`` and ``e`` together,
+    ``together`` has their mean and inverse covariance, in the place of the prior.
     """
 
     mixing: Array
@@ -50,6 +51,18 @@ class Sought:
     lower: Array
     upper: Array
     spread: Array
+    together: tuple[Array, Array] | None = None
+
+    @cached_property
+    def before(self) -> tuple[Array, Array]:
+        """Mean and inverse covariance of ``x`` and ``e`` before anything is seen."""
+        if self.together is not None:
+            return self.together
+        from scipy.linalg import block_diag
+
+        errors = self.spread.shape[1]
+        information = np.asarray(block_diag(self.prior_information, np.eye(errors)), dtype=np.float64)
+        return np.append(self.prior_mean, np.zeros(errors)), information
 
     @cached_property
     def at_places(self) -> NDArray[np.bool_]:
@@ -192,15 +205,17 @@ class Search:
             along = self.seen.comparison.along(told.predictions)[0] * self.length
         cost, weights = self.seen.weights(misfit)
         off = float(np.abs(follow[:, 0] / self.unit).max())
-        d = x - sought.prior_mean
-        cost += 0.5 * float(d @ sought.prior_information @ d + e @ e)
+        mean, information = sought.before
+        d = np.concatenate((x, e)) - mean
+        cost += 0.5 * float(d @ information @ d)
         return State(z, x, places, e, misfit, slopes, along, np.asarray(follow[:, : 1 + len(x)]), off, cost, weights)
 
     # -- search ----------------------------------------------------------------------------------------------------
 
     def solve(self, z: Array, x: Array, places: Array) -> State | None:
         """The least loss nearby; None where no way leads on."""
-        state = self.at(z, np.clip(x, self.sought.lower, self.sought.upper), places, np.zeros(self.errors))
+        e = self.sought.before[0][len(x) :]
+        state = self.at(z, np.clip(x, self.sought.lower, self.sought.upper), places, e)
         damping, before = 0.0, 0.0
         costs: list[float] = []
         for _ in range(_MOST_STEPS):
@@ -291,13 +306,11 @@ class Normal:
     @classmethod
     def of(cls, search: Search, state: State) -> Normal:
         """At a state."""
-        sought, k = search.sought, len(state.x)
+        sought = search.sought
+        mean, information = sought.before
         weighted = state.weights[:, None] * state.slopes
-        matrix, gradient = state.slopes.T @ weighted, weighted.T @ state.misfit
-        matrix[:k, :k] += sought.prior_information
-        gradient[:k] += sought.prior_information @ (state.x - sought.prior_mean)
-        matrix[k:, k:] += np.eye(search.errors)
-        gradient[k:] += state.e
+        matrix = state.slopes.T @ weighted + information
+        gradient = weighted.T @ state.misfit + information @ (np.concatenate((state.x, state.e)) - mean)
         by_place = state.along.T @ weighted
         curvatures = state.weights @ state.along**2
         pulls = state.along.T @ (state.weights * state.misfit)
