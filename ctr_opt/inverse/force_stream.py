@@ -15,6 +15,7 @@ from ..robot.checks import Array, array, number
 from ..robot.loads import Load
 from ..robot.robot import Robot
 from .contact_number import Contacts
+from .fit import Fit
 from .force_case import Case, Numbered, extent
 from .force_estimation import ForceEstimationProblem
 from .force_window import Belief, Sample, Window
@@ -97,13 +98,23 @@ class ForceEstimator:
         drift: Any,
         horizon: int = 5,
         prior: Any = None,
+        fit: Fit | None = None,
+        rotation_sigma: Any = None,
+        translation_sigma: Any = None,
         outlier: float = 30.0,
         loss: str = "squared",
         tolerance: float = 1e-7,
         compiled: bool | None = None,
     ) -> None:
         self._problem = ForceEstimationProblem(
-            robot, unknown, prior=prior, loss=loss, tolerance=tolerance, compiled=compiled
+            robot,
+            unknown,
+            prior=prior,
+            loss=loss,
+            rotation_sigma=rotation_sigma,
+            translation_sigma=translation_sigma,
+            tolerance=tolerance,
+            compiled=compiled,
         )
         self.robot = robot
         self.rate = number(rate, "rate", above=0.0, unit="Hz")
@@ -111,9 +122,12 @@ class ForceEstimator:
         self.outlier = number(outlier, "outlier", above=0.0)
         self.counts: Counter[str] = Counter()
         self._numbered = Numbered.of(_followed(self._problem.unknown), 0)
-        self._unit = extent(robot, self._numbered, np.array([tube.length for tube in robot.tubes]))[0]
-        walk = np.diag((_drift(drift, self._numbered) / self._unit) ** 2)
-        self._window = Window(_before(self._numbered, self._unit), walk, self.horizon)
+        self._errors = self._problem.errors(fit)
+        scale = extent(robot, self._numbered, np.array([tube.length for tube in robot.tubes]))[0]
+        walk = np.append(_drift(drift, self._numbered) / scale, np.zeros(self._errors.count))
+        self._loads = len(scale)
+        self._unit = np.append(scale, np.ones(self._errors.count))
+        self._window = Window(_before(self._numbered, self._unit), np.diag(walk**2), self.horizon)
         self._clock: float | None = None
 
     def update(
@@ -165,11 +179,10 @@ class ForceEstimator:
         return 0.0 if self._clock is None else self._clock + 1.0 / self.rate
 
     def _case(self, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Case | None:
-        """What is sought and seen, without prior; None where nothing is seen."""
+        """What is sought and seen; None where nothing is seen."""
         if measurements is None or (isinstance(measurements, Sequence) and not measurements):
             return None
-        case = self._problem.case(actuation, measurements, loads)
-        return _with_prior(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
+        return self._problem.case(actuation, measurements, loads, self._errors)
 
     # -- one sample ------------------------------------------------------------------------------------------------
 
@@ -177,7 +190,7 @@ class ForceEstimator:
         """The loads that explain a sample, with what was predicted; None where none do."""
         predicted = self._window.predicted(time)
         information = np.linalg.inv(predicted.covariance) / np.outer(self._unit, self._unit)
-        expected = _with_prior(case, predicted.mean * self._unit, information)
+        expected = self._knowing(case, predicted.mean * self._unit, information)
         before = self._window.nearest(time)
         state = None
         if before is not None and len(before.places) == case.search.seen.places:
@@ -185,9 +198,28 @@ class ForceEstimator:
             if state is None and _well_begun(expected, before):
                 return None
         state = state or self._anew(expected)
-        if state is None or self._wild(case.search, state):
+        if state is None or self._wild(self._freed(case, predicted), state):
             return None
-        return Sample.of(time, case.experiment.actuation, case.search, self._unit, state)
+        nothing = self._knowing(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
+        return Sample.of(time, case.experiment.actuation, nothing.search, self._unit, state)
+
+    def _knowing(self, case: Case, mean: Array, information: Array) -> Case:
+        """A case with such knowledge of loads and errors together."""
+        k = self._loads
+        sought = attrs.evolve(
+            case.search.sought,
+            prior_mean=mean[:k],
+            prior_information=information[:k, :k],
+            together=(mean, information),
+        )
+        return attrs.evolve(case, search=attrs.evolve(case.search, sought=sought))
+
+    def _freed(self, case: Case, predicted: Belief) -> Search:
+        """The search for loads of which nothing is known; of errors is what was predicted."""
+        k = self._loads
+        information = np.zeros_like(predicted.covariance)
+        information[k:, k:] = np.linalg.inv(predicted.covariance[k:, k:])
+        return self._knowing(case, predicted.mean * self._unit, information).search
 
     def _anew(self, case: Case) -> State | None:
         """From the shape under the loads that were predicted or, failing that, as if it were the first sample."""
@@ -202,26 +234,26 @@ class ForceEstimator:
         except (SolveError, EstimationError):
             return None
 
-    def _wild(self, search: Search, state: State) -> bool:
+    def _wild(self, free: Search, state: State) -> bool:
         """Whether a sample is off whatever the loads, those included that nobody would expect."""
         if _off(state) <= self.outlier:
             return False
-        free = search.solve(state.z, state.x, state.places)
-        return free is None or _off(free) > self.outlier
+        found = free.solve(state.z, state.x, state.places)
+        return found is None or _off(found) > self.outlier
 
     def _told(self, time: float, status: str, state: State | None) -> StreamedForce:
-        window, unit = self._window, self._unit
-        belief = window.predicted(time)
+        window, k = self._window, self._loads
+        belief, unit = window.predicted(time), self._unit[:k]
         return StreamedForce(
             time,
             status,
             self._numbered.labels,
-            belief.mean * unit,
-            belief.covariance * np.outer(unit, unit),
+            belief.mean[:k] * unit,
+            belief.covariance[:k, :k] * np.outer(unit, unit),
             np.nan if state is None else 2.0 * state.cost,
             0 if state is None else len(state.misfit) - len(state.places),
             np.array([each.time for each in window.samples]),
-            np.reshape(window.means, (-1, len(unit))) * unit,
+            np.reshape(window.means, (-1, len(self._unit)))[:, :k] * unit,
             self._numbered,
         )
 
@@ -242,11 +274,6 @@ def _count(horizon: Any) -> int:
     return int(horizon)
 
 
-def _with_prior(case: Case, mean: Array, information: Array) -> Case:
-    sought = attrs.evolve(case.search.sought, prior_mean=mean, prior_information=information)
-    return attrs.evolve(case, search=attrs.evolve(case.search, sought=sought))
-
-
 def _well_begun(case: Case, before: State) -> bool:
     """Whether the sample before was so close to this equilibrium that no other start would lead further."""
     at = None if case.contacts else case.search.at(before.z, case.start, before.places, before.e)
@@ -261,6 +288,8 @@ def _off(state: State) -> float:
 def _before(numbered: Numbered, unit: Array) -> Belief:
     """What is known before the first sample, in units."""
     mean, information = np.zeros(len(unit)), np.zeros((len(unit), len(unit)))
+    errors = slice(len(numbered.labels), len(unit))
+    information[errors, errors] = np.eye(len(unit))[errors, errors]
     for part, each in zip(numbered.parts, numbered.unknown, strict=True):
         known = each.known_before
         if known is not None:

@@ -21,7 +21,10 @@ _MOST_PASSES = 5
 
 @attrs.frozen(eq=False)
 class Belief:
-    """A normal distribution of the numbers sought, in their units: mean ``(k,)``, covariance ``(k, k)``."""
+    """A normal distribution: mean ``(k,)``, covariance ``(k, k)``.
+
+    Of the numbers sought, in their units, and behind them of the standard normal errors of the model, which stay.
+    """
 
     mean: Array
     covariance: Array
@@ -46,7 +49,7 @@ class Belief:
 class Sample:
     """A robot seen at a time, s, and all of it to first order at ``state``; ``search`` is without prior.
 
-    ``matrix`` and ``gradient``: of the loss, in the numbers' units.
+    ``unit``, ``matrix`` and ``gradient``: of the numbers sought and the errors; the latter two of the loss, in units.
     """
 
     time: float
@@ -68,28 +71,28 @@ class Sample:
     @property
     def mean(self) -> Array:
         """Where it is linearized, in units."""
-        return self.state.x / self.unit
+        return np.concatenate((self.state.x, self.state.e)) / self.unit
 
     def bent(self, mean: Array) -> bool:
         """Whether the linearization does not reach so far: the change of slopes is as that of the numbers' scales."""
         step = mean - self.mean
-        size = np.abs(step * self.unit / self.search.sought.scale).max()
+        size = np.abs(step * self.unit / self.search.sought.whole_scale)[: len(self.state.x)].max()
         return bool(size * np.sqrt(step @ self.matrix @ step) > _BENT)
 
     def at(self, mean: Array) -> Sample:
         """Linearized anew; as it was where the model cannot be evaluated."""
         search, state = self.search, self.state
-        x = np.clip(mean * self.unit, search.sought.lower, search.sought.upper)
-        step = x - state.x
-        z = state.z + state.follow @ np.concatenate(([1.0], step))
-        found = search.at(z, x, self.normal.places(state, step), state.e)
+        whole = np.clip(mean * self.unit, *search.sought.whole_bounds)
+        x, e = np.split(whole, [len(state.x)])
+        z = state.z + state.follow @ np.concatenate(([1.0], x - state.x))
+        found = search.at(z, x, self.normal.places(state, whole - self.mean * self.unit), e)
         return self if found is None else Sample.of(self.time, self.actuation, search, self.unit, found)
 
 
 class Window:
     """The last samples in the order of their times.
 
-    ``drift (k, k)``: covariance of the walk in a second, in the numbers' units. ``since``: time of the last sample that
+    ``drift (k, k)``: covariance of the walk in a second, in units; of errors zero. ``since``: time of the last sample that
     is not in the window any more; what it and those before it told is in ``before``.
     """
 

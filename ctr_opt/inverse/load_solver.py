@@ -6,7 +6,7 @@ order and both arrive together; no equilibrium is solved for on the way.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import attrs
@@ -166,7 +166,10 @@ class State:
 
 @attrs.frozen(eq=False)
 class Search:
-    """Measurements of one robot at rest, and the loads sought; the model may be shared with searches elsewhere."""
+    """Measurements of one robot at rest, and the loads sought; the model may be shared with searches elsewhere.
+
+    ``hopeless`` tells from which states a search is not worth going on.
+    """
 
     model: LoadedModel
     actuation: Actuation
@@ -175,6 +178,7 @@ class Search:
     sought: Sought
     seen: Seen
     arrived: float = _ARRIVED
+    hopeless: Callable[[State], bool] | None = None
 
     # -- evaluation ------------------------------------------------------------------------------------------------
 
@@ -221,6 +225,8 @@ class Search:
         for _ in range(_MOST_STEPS):
             if state is None or state.arrived:
                 return state
+            if self.hopeless is not None and self.hopeless(state):
+                return None
             costs.append(state.cost)
             if len(costs) > _STALLED and np.ptp(costs[-_STALLED:]) < _NOTHING * (1.0 + state.cost):
                 return self._at_rest(state)
