@@ -296,7 +296,8 @@ def _before(numbered: Numbered, unit: Array) -> Belief:
             mean[part], information[part, part] = known.mean, known.information
     information = information * np.outer(unit, unit)
     open_ = np.diag(information) == 0.0
-    return Belief(mean / unit, np.linalg.inv(information + np.diag(np.where(open_, _OPEN**-2, 0.0))))
+    covariance = np.linalg.inv(information + np.diag(np.where(open_, _OPEN**-2, 0.0)))
+    return Belief(mean / unit, covariance, len(unit) - len(numbered.labels))
 
 
 def _drift(given: Any, numbered: Numbered) -> Array:

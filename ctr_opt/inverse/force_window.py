@@ -21,23 +21,28 @@ _MOST_PASSES = 5
 
 @attrs.frozen(eq=False)
 class Belief:
-    """A normal distribution: mean ``(k,)``, covariance ``(k, k)``.
+    """A normal distribution of the numbers sought, in their units, and behind them of so many ``errors`` of the model.
 
-    Of the numbers sought, in their units, and behind them of the standard normal errors of the model, which stay.
+    Mean ``(k,)``, covariance ``(k, k)``. Errors are never told, as samples seem to (Schmidt's filter): each is
+    linearized at its own estimate, and where loads and errors can hardly be told apart, many such would feign to do so.
     """
 
     mean: Array
     covariance: Array
+    errors: int = 0
 
     def later(self, spread: Array) -> Belief:
         """After a walk with this covariance."""
-        return Belief(self.mean, self.covariance + spread)
+        return attrs.evolve(self, covariance=self.covariance + spread)
 
     def told(self, matrix: Array, gradient: Array) -> Belief:
         """With a loss of such second and first derivatives at the mean."""
         covariance = np.linalg.solve(np.eye(len(self.mean)) + self.covariance @ matrix, self.covariance)
         covariance = 0.5 * (covariance + covariance.T)
-        return Belief(self.mean - covariance @ gradient, covariance)
+        mean = self.mean - covariance @ gradient
+        first = len(mean) - self.errors
+        mean[first:], covariance[first:, first:] = self.mean[first:], self.covariance[first:, first:]
+        return attrs.evolve(self, mean=mean, covariance=covariance)
 
     def given(self, predicted: Belief, later: Array) -> Array:
         """The mean, if what was predicted from here turned out to be this."""
@@ -92,8 +97,8 @@ class Sample:
 class Window:
     """The last samples in the order of their times.
 
-    ``drift (k, k)``: covariance of the walk in a second, in units; of errors zero. ``since``: time of the last sample that
-    is not in the window any more; what it and those before it told is in ``before``.
+    ``drift (k, k)``: covariance of the walk in a second, in units; zero for errors. ``since``: time of the last sample
+    that is not in the window any more; what it and those before it told is in ``before``.
     """
 
     def __init__(self, before: Belief, drift: Array, horizon: int) -> None:
