@@ -19,12 +19,14 @@ from .fit import Fit
 from .force_case import Case, Numbered, extent
 from .force_estimation import ForceEstimationProblem
 from .force_window import Belief, Sample, Window
-from .load_solver import Search, State
+from .load_solver import Normal, Search, State
 from .measurements import Measurement
+from .reach import unreachable
 from .streamed_force import StreamedForce
 from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 
 _CLOSE = 0.05  # of the moments' size: how far off an equilibrium a search may begin and not be blamed for it
+_HARDLY = 0.9  # of misfits: where so much is left, to first order, no loads lead on
 _OPEN = 1e3  # characteristic sizes: standard deviation, to begin with, of numbers of which nothing is known
 
 
@@ -189,8 +191,9 @@ class ForceEstimator:
     def _sample(self, case: Case, time: float) -> Sample | None:
         """The loads that explain a sample, with what was predicted; None where none do."""
         predicted = self._window.predicted(time)
+        free = self._free(case)
         information = np.linalg.inv(predicted.covariance) / np.outer(self._unit, self._unit)
-        expected = self._knowing(case, predicted.mean * self._unit, information)
+        expected = _knowing(free, predicted.mean * self._unit, information)
         before = self._window.nearest(time)
         state = None
         if before is not None and len(before.places) == case.search.seen.places:
@@ -198,28 +201,28 @@ class ForceEstimator:
             if state is None and _well_begun(expected, before):
                 return None
         state = state or self._anew(expected)
-        if state is None or self._wild(self._freed(case, predicted), state):
+        if state is None or self._wild(free.search, state):
             return None
-        nothing = self._knowing(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
+        nothing = _knowing(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
         return Sample.of(time, case.experiment.actuation, nothing.search, self._unit, state)
 
-    def _knowing(self, case: Case, mean: Array, information: Array) -> Case:
-        """A case with such knowledge of loads and errors together."""
+    def _free(self, case: Case) -> Case:
+        """The search for loads of which nothing is known, given up where none explain a sample."""
         k = self._loads
-        sought = attrs.evolve(
-            case.search.sought,
-            prior_mean=mean[:k],
-            prior_information=information[:k, :k],
-            together=(mean, information),
-        )
-        return attrs.evolve(case, search=attrs.evolve(case.search, sought=sought))
+        sought = attrs.evolve(case.search.sought, prior_mean=np.zeros(k), prior_information=np.zeros((k, k)))
+        search = attrs.evolve(case.search, sought=sought)
+        based = not self._errors.count
 
-    def _freed(self, case: Case, predicted: Belief) -> Search:
-        """The search for loads of which nothing is known; of errors is what was predicted."""
-        k = self._loads
-        information = np.zeros_like(predicted.covariance)
-        information[k:, k:] = np.linalg.inv(predicted.covariance[k:, k:])
-        return self._knowing(case, predicted.mean * self._unit, information).search
+        def hopeless(state: State) -> bool:
+            off = _off(state)
+            if off <= self.outlier:
+                return False
+            limit = len(state.misfit) * self.outlier**2
+            if search.seen.plain and unreachable(self.robot, case.experiment, case.ends, based) > limit:
+                return True
+            return state.off < _CLOSE and _left(search, state) > max(self.outlier, _HARDLY * off)
+
+        return attrs.evolve(case, search=attrs.evolve(search, hopeless=hopeless))
 
     def _anew(self, case: Case) -> State | None:
         """From the shape under the loads that were predicted or, failing that, as if it were the first sample."""
@@ -274,6 +277,15 @@ def _count(horizon: Any) -> int:
     return int(horizon)
 
 
+def _knowing(case: Case, mean: Array, information: Array) -> Case:
+    """A case with such knowledge of loads and errors together."""
+    sought, k = case.search.sought, len(case.search.sought.scale)
+    sought = attrs.evolve(
+        sought, prior_mean=mean[:k], prior_information=information[:k, :k], together=(mean, information)
+    )
+    return attrs.evolve(case, search=attrs.evolve(case.search, sought=sought))
+
+
 def _well_begun(case: Case, before: State) -> bool:
     """Whether the sample before was so close to this equilibrium that no other start would lead further."""
     at = None if case.contacts else case.search.at(before.z, case.start, before.places, before.e)
@@ -283,6 +295,14 @@ def _well_begun(case: Case, before: State) -> bool:
 def _off(state: State) -> float:
     """Root mean square of the misfits, as the loss counts them, standard deviations."""
     return float(np.sqrt(state.weights @ state.misfit**2 / len(state.misfit)))
+
+
+def _left(free: Search, state: State) -> float:
+    """What any loads would leave of the misfits, to first order: root mean square, as the loss counts them."""
+    normal = Normal.of(free, state)
+    step = np.concatenate(normal.step(state, 0.0))
+    known = float(state.weights @ state.misfit**2 + state.e @ state.e)
+    return float(np.sqrt(max(known + normal.gradient @ step, 0.0) / len(state.misfit)))
 
 
 def _before(numbered: Numbered, unit: Array) -> Belief:

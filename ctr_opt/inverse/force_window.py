@@ -16,7 +16,7 @@ from ..robot.checks import Array
 from .load_solver import Normal, Search, State
 
 _BENT = 1e-2  # standard deviations: how far misfits' second order may be off before they are linearized anew
-_MOST_PASSES = 5
+_MOST_PASSES = 2
 
 
 @attrs.frozen(eq=False)
