@@ -27,6 +27,7 @@ from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 
 _CLOSE = 0.05  # of the moments' size: how far off an equilibrium a search may begin and not be blamed for it
 _HARDLY = 0.9  # of misfits: where so much is left, to first order, no loads lead on
+_ARRIVED = 1e-3  # standard deviations of the loads: samples are linearized anew from a hundredth on
 _OPEN = 1e3  # characteristic sizes: standard deviation, to begin with, of numbers of which nothing is known
 
 
@@ -199,7 +200,9 @@ class ForceEstimator:
         if before is not None and len(before.places) == case.search.seen.places:
             state = expected.search.solve(before.z, expected.start, before.places)
             if state is None and _well_begun(expected, before):
-                return None
+                state = self._jumped(expected.search, free.search, before)
+                if state is None:
+                    return None
         state = state or self._anew(expected)
         if state is None or self._wild(free.search, state):
             return None
@@ -222,7 +225,14 @@ class ForceEstimator:
                 return True
             return state.off < _CLOSE and _left(search, state) > max(self.outlier, _HARDLY * off)
 
-        return attrs.evolve(case, search=attrs.evolve(search, hopeless=hopeless))
+        return attrs.evolve(case, search=attrs.evolve(search, hopeless=hopeless, arrived=_ARRIVED))
+
+    def _jumped(self, expected: Search, free: Search, before: State) -> State | None:
+        """By way of the loads that explain a sample best, whatever was predicted."""
+        near = free.solve(before.z, before.x, before.places)
+        if near is None or _off(near) > self.outlier:
+            return None
+        return expected.solve(near.z, near.x, near.places) or expected.at(near.z, near.x, near.places, near.e)
 
     def _anew(self, case: Case) -> State | None:
         """From the shape under the loads that were predicted or, failing that, as if it were the first sample."""

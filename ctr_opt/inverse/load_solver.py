@@ -31,6 +31,7 @@ BLIND = 30.0  # scaled standard deviation from which a direction is not moved al
 _STALLED, _NOTHING = 8, 1e-7  # steps in which the loss falls by less, relative, where it is flat: the last
 _LITTLE = 1e-2  # of losses, half squared standard deviations: what it may still fall by where steps run out
 _BEYOND = 1e100  # of misfits and slopes: their squares are no numbers
+_MISSED = 0.1  # of what a step fell short by: a loss told so much too low does not excuse the step
 _CORRECTIONS = 3  # of forces for new places of contacts, where a step of both goes too far
 _CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where there is no way on
 
@@ -268,6 +269,8 @@ class Search:
                 return found, 0.0 if damping < 1e-6 else 0.1 * damping, 0.0 if damping else length
             settled = self._settled(state) if state.off > _SETTLED else None
             if settled is not None:  # the loss was told by a linearization: back into equilibrium first
+                if found is None or settled.cost - state.cost < _MISSED * (found.cost - state.cost):
+                    damping = max(10.0 * damping, 1e-3)
                 return settled, damping, 0.0
             damping = max(10.0 * damping, 1e-3)
         return None, damping, 0.0
