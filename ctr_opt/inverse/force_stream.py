@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import count
 from typing import Any
 
 import attrs
@@ -27,6 +28,7 @@ from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 
 _CLOSE = 0.05  # of the moments' size: how far off an equilibrium a search may begin and not be blamed for it
 _HARDLY = 0.9  # of misfits: where so much is left, to first order, no loads lead on
+_PATIENCE = 30  # steps with misfits beyond an outlier's, of all searches for the loads in a sample
 _ARRIVED = 1e-3  # standard deviations of the loads: samples are linearized anew from a hundredth on
 _OPEN = 1e3  # characteristic sizes: standard deviation, to begin with, of numbers of which nothing is known
 
@@ -214,7 +216,7 @@ class ForceEstimator:
         k = self._loads
         sought = attrs.evolve(case.search.sought, prior_mean=np.zeros(k), prior_information=np.zeros((k, k)))
         search = attrs.evolve(case.search, sought=sought)
-        based = not self._errors.count
+        based, steps = not self._errors.count, count()
 
         def hopeless(state: State) -> bool:
             off = _off(state)
@@ -223,7 +225,8 @@ class ForceEstimator:
             limit = len(state.misfit) * self.outlier**2
             if search.seen.plain and unreachable(self.robot, case.experiment, case.ends, based) > limit:
                 return True
-            return state.off < _CLOSE and _left(search, state) > max(self.outlier, _HARDLY * off)
+            hardly = state.off < _CLOSE and _left(search, state) > max(self.outlier, _HARDLY * off)
+            return hardly or next(steps) > _PATIENCE
 
         return attrs.evolve(case, search=attrs.evolve(search, hopeless=hopeless, arrived=_ARRIVED))
 
@@ -310,9 +313,9 @@ def _off(state: State) -> float:
 def _left(free: Search, state: State) -> float:
     """What any loads would leave of the misfits, to first order: root mean square, as the loss counts them."""
     normal = Normal.of(free, state)
-    step = np.concatenate(normal.step(state, 0.0))
+    won = -float(normal.gradient @ np.concatenate(normal.step(state, 0.0)))
     known = float(state.weights @ state.misfit**2 + state.e @ state.e)
-    return float(np.sqrt(max(known + normal.gradient @ step, 0.0) / len(state.misfit)))
+    return float(np.sqrt(max(known - won, 0.0) / len(state.misfit)))
 
 
 def _before(numbered: Numbered, unit: Array) -> Belief:

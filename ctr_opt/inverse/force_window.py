@@ -23,8 +23,7 @@ _MOST_PASSES = 2
 class Belief:
     """A normal distribution of the numbers sought, in their units, and behind them of so many ``errors`` of the model.
 
-    Mean ``(k,)``, covariance ``(k, k)``. Errors are never told, as samples seem to (Schmidt's filter): each is
-    linearized at its own estimate, and where loads and errors can hardly be told apart, many such would feign to do so.
+    Mean ``(k,)``, covariance ``(k, k)``.
     """
 
     mean: Array
@@ -39,9 +38,13 @@ class Belief:
         """With a loss of such second and first derivatives at the mean."""
         covariance = np.linalg.solve(np.eye(len(self.mean)) + self.covariance @ matrix, self.covariance)
         covariance = 0.5 * (covariance + covariance.T)
-        mean = self.mean - covariance @ gradient
-        first = len(mean) - self.errors
-        mean[first:], covariance[first:, first:] = self.mean[first:], self.covariance[first:, first:]
+        return attrs.evolve(self, mean=self.mean - covariance @ gradient, covariance=covariance)
+
+    def unlearned(self) -> Belief:
+        """With errors that are standard normal again, and what the numbers sought have of them (Schmidt's filter)."""
+        first = len(self.mean) - self.errors
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[first:], covariance[first:, first:] = 0.0, np.eye(self.errors)
         return attrs.evolve(self, mean=mean, covariance=covariance)
 
     def given(self, predicted: Belief, later: Array) -> Array:
@@ -130,8 +133,10 @@ class Window:
                 self.samples[k] = self.samples[k].at(self.means[k])
             self._pass(bent[0])
         if len(self.samples) > self._horizon:
-            self.before, self.since = self._beliefs.pop(0), self.samples.pop(0).time
+            self.before, self.since = self._beliefs.pop(0).unlearned(), self.samples.pop(0).time
             del self._predictions[0], self.means[0]
+            if self.before.errors:
+                self._pass(0)
 
     @property
     def _times(self) -> list[float]:

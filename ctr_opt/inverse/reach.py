@@ -34,4 +34,4 @@ def unreachable(robot: Robot, experiment: Experiment, ends: Array, based: bool) 
 
 def _beyond(steps: Array, arcs: Array) -> Array:
     """By how much distances are longer than arcs."""
-    return np.maximum(np.linalg.norm(steps, axis=1) - arcs, 0.0)
+    return np.asarray(np.maximum(np.linalg.norm(steps, axis=1) - arcs, 0.0))
