@@ -7,6 +7,7 @@ of all points or of one, and force and actuation jump.
 
 import argparse
 from collections import deque
+from contextlib import suppress
 from time import thread_time
 
 import attrs
@@ -70,6 +71,16 @@ class Wilds:
         return noise
 
 
+def jumped(problem, actuation, force, far, shape, rng):
+    """A force so far from another, in a direction in which the robot has an equilibrium on the same branch."""
+    while True:
+        direction = rng.normal(size=3)
+        found = force + far * direction / np.linalg.norm(direction)
+        with suppress(ctr.SolveError):
+            problem.solve(actuation, [ctr.PointWrench(found)], initial=shape)
+            return found
+
+
 def ticks(work, samples, size, rng, found, rough):
     """The robot's motion, and what is seen of it; the time of the forward solves is noted."""
     problem, shape = ctr.ForwardProblem(work.robot, compiled=True), work.start
@@ -81,12 +92,11 @@ def ticks(work, samples, size, rng, found, rough):
         force = force * (1.0 - 1.0 / (RATE * MEMORY)) + drift / np.sqrt(RATE) * rng.normal(size=3)
         turns = 0.5 * np.sin([1.0 * t, 0.7 * t + 1.0, 0.4 * t + 2.0])
         drawn = 0.004 * (np.sin([0.5 * t, 0.3 * t, 0.2 * t]) - 1.0)
-        if rough and k % (2 * JUMPS) == JUMPS:
-            direction = rng.normal(size=3)
-            force = force + FORCE * size * direction / np.linalg.norm(direction)
         if rough and k and k % (2 * JUMPS) == 0:
             turned = rng.uniform(-TURN, TURN, 3)
         actuation = ctr.Actuation(work.actuation.rotations + turns + turned, work.actuation.translations + drawn)
+        if rough and k % (2 * JUMPS) == JUMPS:
+            force = jumped(problem, actuation, force, FORCE * size, shape, rng)
         begin = thread_time()
         shape = problem.solve(actuation, [ctr.PointWrench(force)], initial=shape)
         found.solves[k] = thread_time() - begin

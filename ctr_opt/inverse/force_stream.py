@@ -280,6 +280,8 @@ def _followed(unknown: Sequence[UnknownLoad | Contacts]) -> tuple[UnknownLoad, .
     for k, each in enumerate(unknown):
         if not isinstance(each, (TipForce, TipWrench, PointForce)):
             raise DefinitionError(f"unknown[{k}] = {each!r} cannot be followed: it must be a force or a wrench")
+        if isinstance(each, PointForce) and each.friction is not None:
+            raise DefinitionError(f"unknown[{k}].friction = {each.friction:g} cannot be followed: it must be None")
         found.append(each)
     return tuple(found)
 
@@ -300,8 +302,13 @@ def _knowing(case: Case, mean: Array, information: Array) -> Case:
 
 
 def _well_begun(case: Case, before: State) -> bool:
-    """Whether the sample before was so close to this equilibrium that no other start would lead further."""
-    at = None if case.contacts else case.search.at(before.z, case.start, before.places, before.e)
+    """Whether the sample before was so close to this equilibrium that no other start would lead further.
+
+    Never where places are estimated: of contacts, or of points, which need not be those of the sample before.
+    """
+    if case.contacts or case.search.seen.places:
+        return False
+    at = case.search.at(before.z, case.start, before.places, before.e)
     return at is not None and at.off < _CLOSE
 
 
@@ -336,7 +343,8 @@ def _before(numbered: Numbered, unit: Array) -> Belief:
 def _drift(given: Any, numbered: Numbered) -> Array:
     """Standard deviations after a second, SI."""
     fields = {number.field: number.size for each in numbered.unknown for number in each.sought}
-    by_field = given if isinstance(given, Mapping) else {"force": given}
+    forces = [field for field in fields if field.endswith("force")]
+    by_field = given if isinstance(given, Mapping) else dict.fromkeys(forces, given)
     if set(by_field) != set(fields):
         raise DefinitionError(f"drift = {given!r} must tell that of {' and '.join(fields)}: a mapping of these")
     found = np.empty(len(numbered.labels))
