@@ -9,6 +9,9 @@ from scipy.linalg import eigh
 from scipy.optimize import least_squares
 
 import ctr_opt as ctr
+from ctr_opt.inverse.experiment import Experiment
+from ctr_opt.inverse.load_solver import Search
+from ctr_opt.inverse.reach import unreachable
 from ctr_opt.robot.replacing import robot_with
 
 RATE = 100.0  # Hz
@@ -341,6 +344,77 @@ def test_a_wild_sample_is_left_out(scene, stream, distance):
     np.testing.assert_array_equal(found.force, before.force)
     assert (found.deviations > before.deviations).all()
     assert estimator.update(*stream[6]).status == "used"
+
+
+@pytest.mark.parametrize("alone", [False, True], ids=["all points", "one point"])
+def test_a_burst_of_wild_samples_is_left_out_cheaply(scene, stream, alone, monkeypatch):
+    """Ten in a row, each by the look at three states at most: no backbone reaches so far."""
+    rng, estimator = np.random.default_rng(11), scene.estimator()
+    for each in stream[:3]:
+        estimator.update(*each)
+    looks, at = [], Search.at
+    monkeypatch.setattr(Search, "at", lambda *given: looks.append(given) or at(*given))
+    for k in range(10):
+        noise = 0.2 * rng.normal(size=(12, 3))
+        noise[np.arange(12) != k] *= not alone
+        wild = ctr.PositionMeasurement(scene.places, stream[3][1].position + noise, SIGMA)
+        assert estimator.update(stream[3][0], wild).status == "left out"
+    assert len(looks) <= 30
+    assert estimator.update(*stream[4]).status == "used"
+
+
+def test_what_no_backbone_reaches_is_told_exactly():
+    """Two points 30 mm farther apart than the arc between them, a third in reach; none is far from the entry point."""
+    robot = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)])
+    points = [[0.0, 0.0, 0.02], [0.0, 0.05, 0.02], [0.0, 0.0, 0.06]]
+    seen = ctr.PositionMeasurement([0.06, 0.08, 0.1], points, [1e-3, 2e-3, 1e-3])
+    experiment = Experiment(ctr.Actuation([0.0], [0.0]), [], [seen])
+    assert unreachable(robot, experiment, np.array([0.1]), based=True) == pytest.approx(0.03**2 / (2 * 2e-3**2))
+    far = Experiment(ctr.Actuation([0.0], [0.0]), [], [ctr.PositionMeasurement(0.1, [0.0, 0.0, 0.15], 1e-3)])
+    assert unreachable(robot, far, np.array([0.1]), based=True) == pytest.approx(50.0**2)
+    assert unreachable(robot, far, np.array([0.1]), based=False) == 0.0
+
+
+def test_a_jump_of_the_force_is_not_left_out(scene):
+    """By ten characteristic forces, in ten directions."""
+    rng = np.random.default_rng(12)
+    for direction in rng.normal(size=(10, 3)):
+        low = 0.5 * scene.size * rng.normal(size=3)
+        high = low + 10.0 * scene.size * direction / np.linalg.norm(direction)
+        estimator = scene.estimator()
+        for each in scene.stream([scene.actuation] * 6, [low] * 3 + [high] * 3, rng):
+            estimator.update(*each)
+        assert estimator.counts == {"used": 6}
+
+
+def test_points_somewhere_are_followed(scene):
+    """Others in each sample, as many: places do not start where those of the sample before were."""
+    rng, estimator, force = np.random.default_rng(13), scene.estimator(), scene.size * np.array([0.5, -0.4, 0.2])
+    for k in range(8):
+        shape = scene.problem.solve(scene.moved(k), [ctr.PointWrench(force)])
+        points = shape.position(np.sort(rng.uniform(0.1, 1.0, 12)) * shape.length) + SIGMA * rng.normal(size=(12, 3))
+        found = estimator.update(scene.moved(k), ctr.BackboneMeasurement(points, SIGMA))
+    assert estimator.counts == {"used": 8}
+    assert np.abs((found.force - force) / found.deviations).max() < 4.0
+
+
+def test_a_force_along_a_normal_is_told_as_a_vector(scene):
+    rng = np.random.default_rng(14)
+    unknown = ctr.PointForce(0.1, normal=[0.0, 2.0, 0.0])
+    estimator = ctr.ForceEstimator(scene.robot, unknown, rate=RATE, drift=scene.size, compiled=True)
+    for _ in range(3):
+        shape = scene.problem.solve(scene.actuation, [ctr.PointWrench([0.0, scene.size, 0.0], arc_length=0.1)])
+        found = estimator.update(scene.actuation, scene.seen(shape, rng))
+    assert found.labels == ("normal_force",)
+    np.testing.assert_allclose(found.force, [0.0, found.estimates[0], 0.0])
+    np.testing.assert_allclose(np.diag(found.force_covariance), [0.0, found.covariance[0, 0], 0.0])
+    assert abs(found.force[1] - scene.size) < 4.0 * found.deviations[0]
+
+
+def test_friction_is_refused(scene):
+    cone = ctr.PointForce(0.1, normal=[1.0, 0.0, 0.0], friction=0.3)
+    with pytest.raises(ctr.DefinitionError, match=r"unknown\[0\].friction = 0.3 cannot be followed"):
+        ctr.ForceEstimator(scene.robot, cone, rate=RATE, drift=1.0)
 
 
 def test_a_step_of_the_force_is_found_again(scene):
