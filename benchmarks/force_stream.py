@@ -81,6 +81,14 @@ def jumped(problem, actuation, force, far, shape, rng):
             return found
 
 
+def followed(problem, actuation, force, shape):
+    """The equilibrium on the same branch; where that ends, the robot snaps to another."""
+    try:
+        return problem.solve(actuation, [ctr.PointWrench(force)], initial=shape)
+    except ctr.SolveError:
+        return problem.solve(actuation, [ctr.PointWrench(force)])
+
+
 def ticks(work, samples, size, rng, found, rough):
     """The robot's motion, and what is seen of it; the time of the forward solves is noted."""
     problem, shape = ctr.ForwardProblem(work.robot, compiled=True), work.start
@@ -98,7 +106,7 @@ def ticks(work, samples, size, rng, found, rough):
         if rough and k % (2 * JUMPS) == JUMPS:
             force = jumped(problem, actuation, force, FORCE * size, shape, rng)
         begin = thread_time()
-        shape = problem.solve(actuation, [ctr.PointWrench(force)], initial=shape)
+        shape = followed(problem, actuation, force, shape)
         found.solves[k] = thread_time() - begin
         dropped, wild = rng.random() < DROPPED, wilds.noise()
         points = shape.position(places) + SIGMA * rng.normal(size=(POINTS, 3)) + (0.0 if wild is None else wild)
