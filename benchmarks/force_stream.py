@@ -1,11 +1,13 @@
 """Does a stream of forces hold out? 10,000 samples at 100 Hz; see docs/force_stream.md for what came out.
 
 Robot B of problems/three_tubes in motion, its tip force wandering, seen in 20 points; samples are dropped, late, or
-wild. Run: ``python -m benchmarks.force_stream``, or ``--samples 1000``.
+wild. Run: ``python -m benchmarks.force_stream``, or ``--samples 1000``; with ``--rough``, wild samples come in bursts,
+of all points or of one, and force and actuation jump.
 """
 
 import argparse
 from collections import deque
+from contextlib import suppress
 from time import thread_time
 
 import attrs
@@ -22,6 +24,9 @@ POINTS = 20
 MEMORY = 3.0  # s: in which the force forgets where it was
 DROPPED, LATE, WILD = 0.03, 0.02, 0.005  # of all samples
 DELAY = 3  # samples at most
+DISTANCE = 0.2  # m: error of a wild point along an axis
+BURSTS, TOGETHER = 0.005, 10  # a sample, in a rough stream: how often wild ones begin, and how many at most
+JUMPS, FORCE, TURN = 250, 10.0, 1.0  # samples between; characteristic forces, in turn with rad of each tube at most
 
 
 class Found:
@@ -46,23 +51,66 @@ class Tick:
     wild: bool
 
 
-def ticks(work, samples, size, rng, found):
+class Wilds:
+    """Errors of wild samples: each on its own, or rough, in bursts, half of them of all points and half of one."""
+
+    def __init__(self, rough, rng):
+        self.rough, self.rng, self.left, self.alone = rough, rng, 0, False
+
+    def noise(self):
+        """Errors of the points, m; None: the sample is not wild."""
+        if self.left == 0:
+            if self.rng.random() >= (BURSTS if self.rough else WILD):
+                return None
+            self.left = self.rng.integers(1, TOGETHER + 1) if self.rough else 1
+            self.alone = self.rough and self.rng.random() < 0.5
+        self.left -= 1
+        noise = DISTANCE * self.rng.normal(size=(POINTS, 3))
+        if self.alone:
+            noise[np.arange(POINTS) != self.rng.integers(POINTS)] = 0.0
+        return noise
+
+
+def jumped(problem, actuation, force, far, shape, rng):
+    """A force so far from another, in a direction in which the robot has an equilibrium on the same branch."""
+    while True:
+        direction = rng.normal(size=3)
+        found = force + far * direction / np.linalg.norm(direction)
+        with suppress(ctr.SolveError):
+            problem.solve(actuation, [ctr.PointWrench(found)], initial=shape)
+            return found
+
+
+def followed(problem, actuation, force, shape):
+    """The equilibrium on the same branch; where that ends, the robot snaps to another."""
+    try:
+        return problem.solve(actuation, [ctr.PointWrench(force)], initial=shape)
+    except ctr.SolveError:
+        return problem.solve(actuation, [ctr.PointWrench(force)])
+
+
+def ticks(work, samples, size, rng, found, rough):
     """The robot's motion, and what is seen of it; the time of the forward solves is noted."""
     problem, shape = ctr.ForwardProblem(work.robot, compiled=True), work.start
     places = np.linspace(0.15, 0.9, POINTS) * shape.length
     force, drift = 0.5 * size * rng.normal(size=3), size * np.sqrt(2.0 / MEMORY)
+    wilds, turned = Wilds(rough, rng), np.zeros(3)
     for k in range(samples):
         t = k / RATE
         force = force * (1.0 - 1.0 / (RATE * MEMORY)) + drift / np.sqrt(RATE) * rng.normal(size=3)
         turns = 0.5 * np.sin([1.0 * t, 0.7 * t + 1.0, 0.4 * t + 2.0])
         drawn = 0.004 * (np.sin([0.5 * t, 0.3 * t, 0.2 * t]) - 1.0)
-        actuation = ctr.Actuation(work.actuation.rotations + turns, work.actuation.translations + drawn)
+        if rough and k and k % (2 * JUMPS) == 0:
+            turned = rng.uniform(-TURN, TURN, 3)
+        actuation = ctr.Actuation(work.actuation.rotations + turns + turned, work.actuation.translations + drawn)
+        if rough and k % (2 * JUMPS) == JUMPS:
+            force = jumped(problem, actuation, force, FORCE * size, shape, rng)
         begin = thread_time()
-        shape = problem.solve(actuation, [ctr.PointWrench(force)], initial=shape)
+        shape = followed(problem, actuation, force, shape)
         found.solves[k] = thread_time() - begin
-        dropped, wild = rng.random(2) < (DROPPED, WILD)
-        points = shape.position(places) + SIGMA * (1e3 if wild else 1.0) * rng.normal(size=(POINTS, 3))
-        yield Tick(t, actuation, force, None if dropped else points, wild and not dropped)
+        dropped, wild = rng.random() < DROPPED, wilds.noise()
+        points = shape.position(places) + SIGMA * rng.normal(size=(POINTS, 3)) + (0.0 if wild is None else wild)
+        yield Tick(t, actuation, force, None if dropped else points, wild is not None and not dropped)
 
 
 def arrivals(ticks, rng):
@@ -77,7 +125,7 @@ def arrivals(ticks, rng):
             yield waiting.popleft()[0]
 
 
-def run(samples):
+def run(samples, rough=False):
     """The estimator and what was found."""
     found, rng = Found(samples), np.random.default_rng(SEED)
     work = three_tubes("B", "none", 0)
@@ -87,7 +135,7 @@ def run(samples):
         work.robot, ctr.TipForce(), rate=RATE, drift=size * np.sqrt(2.0 / MEMORY), compiled=True
     )
     newest = None
-    for k, tick in enumerate(arrivals(ticks(work, samples, size, rng, found), rng)):
+    for k, tick in enumerate(arrivals(ticks(work, samples, size, rng, found, rough), rng)):
         begin = thread_time()
         seen = None if tick.points is None else ctr.PositionMeasurement(places, tick.points, SIGMA)
         told = estimator.update(tick.actuation, seen, tick.time)
@@ -101,9 +149,9 @@ def run(samples):
     return estimator, found
 
 
-def lines(samples):
+def lines(samples, rough=False):
     """What came out, in words."""
-    estimator, found = run(samples)
+    estimator, found = run(samples, rough)
     done = np.isfinite(found.updates)  # a late sample may still be waiting
     wild, out, updates = found.wild[done], found.out[done], 1e3 * found.updates[done]
     solve = 1e3 * np.median(found.solves)
@@ -122,7 +170,9 @@ def main(arguments=None):
     """Run and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.force_stream", description=__doc__)
     parser.add_argument("--samples", type=int, default=10_000)
-    for line in lines(parser.parse_args(arguments).samples):
+    parser.add_argument("--rough", action="store_true")
+    given = parser.parse_args(arguments)
+    for line in lines(given.samples, given.rough):
         print(line, flush=True)
 
 

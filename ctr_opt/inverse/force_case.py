@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import compress
 from typing import Any
 
 import attrs
@@ -14,9 +15,10 @@ from ..mechanics.sections import Configuration
 from ..robot.actuation import Actuation
 from ..robot.checks import Array
 from ..robot.loads import Load
-from ..robot.parameters import parameters
+from ..robot.parameters import Parameter, parameters
 from ..robot.replacing import loads_with
 from ..robot.robot import Robot
+from ..robot.weights import Gravity
 from .comparison import Comparison
 from .compiled_model import euler_rates
 from .distributed_force import DistributedForce
@@ -41,17 +43,40 @@ class Errors:
     names: tuple[str, ...]
     spread: Array
 
+    @property
+    def count(self) -> int:
+        """How many standard normal errors there are."""
+        return int(self.spread.shape[1])
+
     @classmethod
     def of(cls, robot: Robot, experiment: Experiment, fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
         """Of a calibrated robot's parameters and of the actuation, as far as they act."""
         if fit is None and all(sigma is None for sigma in joints.values()):
             return cls((), np.zeros((0, 0)))
-        known = parameters(robot, experiment.actuation, experiment.loads)
+        return cls._of(parameters(robot, experiment.actuation, experiment.loads), fit, joints)
+
+    @classmethod
+    def ever(cls, robot: Robot, fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
+        """The same for all that a robot may be seen in: of everything that acts in any of it."""
+        held = Actuation(np.zeros(len(robot.tubes)), np.zeros(len(robot.tubes)))
+        return cls._of(parameters(robot, held, [Gravity(np.zeros(3))]), fit, joints)
+
+    @classmethod
+    def _of(cls, known: Mapping[str, Parameter], fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
         parts = [] if fit is None else _of_fit(fit, {name: each.size for name, each in known.items() if not each.idle})
         parts += [{name: np.diag(sigma)} for name, sigma in joints.items() if sigma is not None]
         names = tuple(dict.fromkeys(name for part in parts for name in part))
         columns = [np.vstack([_padded(part, name, known[name].size) for name in names]) for part in parts]
         return cls(names, np.hstack(columns) if columns else np.zeros((0, 0)))
+
+    def acting(self, robot: Robot, experiment: Experiment) -> Errors:
+        """The same normal errors, and what they change in an experiment: no number that does not act there."""
+        if not self.names:
+            return self
+        known = parameters(robot, experiment.actuation, experiment.loads)
+        acts = [not known[name].idle for name in self.names]
+        rows = np.repeat(acts, [known[name].size for name in self.names])
+        return Errors(tuple(compress(self.names, acts)), self.spread[rows])
 
 
 def _padded(part: Mapping[str, Array], name: str, size: int) -> Array:

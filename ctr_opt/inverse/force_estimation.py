@@ -167,11 +167,14 @@ class ForceEstimationProblem:
         for each in self._options[0]:
             each.placed(ends)
 
-    def case(self, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Case:
-        """What is sought and seen, for code that searches on its own."""
+    def errors(self, fit: Fit | None) -> Errors:
+        """Of the calibration and the actuation, whatever the robot may be seen in."""
+        return Errors.ever(self.robot, fit, self._actuation_sigma)
+
+    def case(self, actuation: Actuation, measurements: Any, loads: Sequence[Load], errors: Errors) -> Case:
+        """What is sought and seen, for code that searches on its own and has these errors in all that it sees."""
         experiment = experiment_of(self.robot, actuation, measurements, loads)
-        errors = Errors.of(self.robot, experiment, None, self._actuation_sigma)
-        return self._case(experiment, errors, self._options[0])
+        return self._case(experiment, errors.acting(self.robot, experiment), self._options[0])
 
     def _case(self, experiment: Experiment, errors: Errors, unknown: tuple[UnknownLoad, ...]) -> Case:
         """Of models for measurements at some places the last few are kept."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import count
 from typing import Any
 
 import attrs
@@ -15,15 +16,20 @@ from ..robot.checks import Array, array, number
 from ..robot.loads import Load
 from ..robot.robot import Robot
 from .contact_number import Contacts
+from .fit import Fit
 from .force_case import Case, Numbered, extent
 from .force_estimation import ForceEstimationProblem
 from .force_window import Belief, Sample, Window
-from .load_solver import Search, State
+from .load_solver import Normal, Search, State
 from .measurements import Measurement
+from .reach import unreachable
 from .streamed_force import StreamedForce
 from .unknown_loads import PointForce, TipForce, TipWrench, UnknownLoad
 
 _CLOSE = 0.05  # of the moments' size: how far off an equilibrium a search may begin and not be blamed for it
+_HARDLY = 0.9  # of misfits: where so much is left, to first order, no loads lead on
+_PATIENCE = 30  # steps with misfits beyond an outlier's, of all searches for the loads in a sample
+_ARRIVED = 1e-3  # standard deviations of the loads: samples are linearized anew from a hundredth on
 _OPEN = 1e3  # characteristic sizes: standard deviation, to begin with, of numbers of which nothing is known
 
 
@@ -97,13 +103,23 @@ class ForceEstimator:
         drift: Any,
         horizon: int = 5,
         prior: Any = None,
+        fit: Fit | None = None,
+        rotation_sigma: Any = None,
+        translation_sigma: Any = None,
         outlier: float = 30.0,
         loss: str = "squared",
         tolerance: float = 1e-7,
         compiled: bool | None = None,
     ) -> None:
         self._problem = ForceEstimationProblem(
-            robot, unknown, prior=prior, loss=loss, tolerance=tolerance, compiled=compiled
+            robot,
+            unknown,
+            prior=prior,
+            loss=loss,
+            rotation_sigma=rotation_sigma,
+            translation_sigma=translation_sigma,
+            tolerance=tolerance,
+            compiled=compiled,
         )
         self.robot = robot
         self.rate = number(rate, "rate", above=0.0, unit="Hz")
@@ -111,9 +127,12 @@ class ForceEstimator:
         self.outlier = number(outlier, "outlier", above=0.0)
         self.counts: Counter[str] = Counter()
         self._numbered = Numbered.of(_followed(self._problem.unknown), 0)
-        self._unit = extent(robot, self._numbered, np.array([tube.length for tube in robot.tubes]))[0]
-        walk = np.diag((_drift(drift, self._numbered) / self._unit) ** 2)
-        self._window = Window(_before(self._numbered, self._unit), walk, self.horizon)
+        self._errors = self._problem.errors(fit)
+        scale = extent(robot, self._numbered, np.array([tube.length for tube in robot.tubes]))[0]
+        walk = np.append(_drift(drift, self._numbered) / scale, np.zeros(self._errors.count))
+        self._loads = len(scale)
+        self._unit = np.append(scale, np.ones(self._errors.count))
+        self._window = Window(_before(self._numbered, self._unit), np.diag(walk**2), self.horizon)
         self._clock: float | None = None
 
     def update(
@@ -165,29 +184,58 @@ class ForceEstimator:
         return 0.0 if self._clock is None else self._clock + 1.0 / self.rate
 
     def _case(self, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Case | None:
-        """What is sought and seen, without prior; None where nothing is seen."""
+        """What is sought and seen; None where nothing is seen."""
         if measurements is None or (isinstance(measurements, Sequence) and not measurements):
             return None
-        case = self._problem.case(actuation, measurements, loads)
-        return _with_prior(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
+        return self._problem.case(actuation, measurements, loads, self._errors)
 
     # -- one sample ------------------------------------------------------------------------------------------------
 
     def _sample(self, case: Case, time: float) -> Sample | None:
         """The loads that explain a sample, with what was predicted; None where none do."""
         predicted = self._window.predicted(time)
+        free = self._free(case)
         information = np.linalg.inv(predicted.covariance) / np.outer(self._unit, self._unit)
-        expected = _with_prior(case, predicted.mean * self._unit, information)
+        expected = _knowing(free, predicted.mean * self._unit, information)
         before = self._window.nearest(time)
         state = None
         if before is not None and len(before.places) == case.search.seen.places:
             state = expected.search.solve(before.z, expected.start, before.places)
             if state is None and _well_begun(expected, before):
-                return None
+                state = self._jumped(expected.search, free.search, before)
+                if state is None:
+                    return None
         state = state or self._anew(expected)
-        if state is None or self._wild(case.search, state):
+        if state is None or self._wild(free.search, state):
             return None
-        return Sample.of(time, case.experiment.actuation, case.search, self._unit, state)
+        nothing = _knowing(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
+        return Sample.of(time, case.experiment.actuation, nothing.search, self._unit, state)
+
+    def _free(self, case: Case) -> Case:
+        """The search for loads of which nothing is known, given up where none explain a sample."""
+        k = self._loads
+        sought = attrs.evolve(case.search.sought, prior_mean=np.zeros(k), prior_information=np.zeros((k, k)))
+        search = attrs.evolve(case.search, sought=sought)
+        based, steps = not self._errors.count, count()
+
+        def hopeless(state: State) -> bool:
+            off = _off(state)
+            if off <= self.outlier:
+                return False
+            limit = len(state.misfit) * self.outlier**2
+            if search.seen.plain and unreachable(self.robot, case.experiment, case.ends, based) > limit:
+                return True
+            hardly = state.off < _CLOSE and _left(search, state) > max(self.outlier, _HARDLY * off)
+            return hardly or next(steps) > _PATIENCE
+
+        return attrs.evolve(case, search=attrs.evolve(search, hopeless=hopeless, arrived=_ARRIVED))
+
+    def _jumped(self, expected: Search, free: Search, before: State) -> State | None:
+        """By way of the loads that explain a sample best, whatever was predicted."""
+        near = free.solve(before.z, before.x, before.places)
+        if near is None or _off(near) > self.outlier:
+            return None
+        return expected.solve(near.z, near.x, near.places) or expected.at(near.z, near.x, near.places, near.e)
 
     def _anew(self, case: Case) -> State | None:
         """From the shape under the loads that were predicted or, failing that, as if it were the first sample."""
@@ -202,26 +250,26 @@ class ForceEstimator:
         except (SolveError, EstimationError):
             return None
 
-    def _wild(self, search: Search, state: State) -> bool:
+    def _wild(self, free: Search, state: State) -> bool:
         """Whether a sample is off whatever the loads, those included that nobody would expect."""
         if _off(state) <= self.outlier:
             return False
-        free = search.solve(state.z, state.x, state.places)
-        return free is None or _off(free) > self.outlier
+        found = free.solve(state.z, state.x, state.places)
+        return found is None or _off(found) > self.outlier
 
     def _told(self, time: float, status: str, state: State | None) -> StreamedForce:
-        window, unit = self._window, self._unit
-        belief = window.predicted(time)
+        window, k = self._window, self._loads
+        belief, unit = window.predicted(time), self._unit[:k]
         return StreamedForce(
             time,
             status,
             self._numbered.labels,
-            belief.mean * unit,
-            belief.covariance * np.outer(unit, unit),
+            belief.mean[:k] * unit,
+            belief.covariance[:k, :k] * np.outer(unit, unit),
             np.nan if state is None else 2.0 * state.cost,
             0 if state is None else len(state.misfit) - len(state.places),
             np.array([each.time for each in window.samples]),
-            np.reshape(window.means, (-1, len(unit))) * unit,
+            np.reshape(window.means, (-1, len(self._unit)))[:, :k] * unit,
             self._numbered,
         )
 
@@ -232,6 +280,8 @@ def _followed(unknown: Sequence[UnknownLoad | Contacts]) -> tuple[UnknownLoad, .
     for k, each in enumerate(unknown):
         if not isinstance(each, (TipForce, TipWrench, PointForce)):
             raise DefinitionError(f"unknown[{k}] = {each!r} cannot be followed: it must be a force or a wrench")
+        if isinstance(each, PointForce) and each.friction is not None:
+            raise DefinitionError(f"unknown[{k}].friction = {each.friction:g} cannot be followed: it must be None")
         found.append(each)
     return tuple(found)
 
@@ -242,14 +292,23 @@ def _count(horizon: Any) -> int:
     return int(horizon)
 
 
-def _with_prior(case: Case, mean: Array, information: Array) -> Case:
-    sought = attrs.evolve(case.search.sought, prior_mean=mean, prior_information=information)
+def _knowing(case: Case, mean: Array, information: Array) -> Case:
+    """A case with such knowledge of loads and errors together."""
+    sought, k = case.search.sought, len(case.search.sought.scale)
+    sought = attrs.evolve(
+        sought, prior_mean=mean[:k], prior_information=information[:k, :k], together=(mean, information)
+    )
     return attrs.evolve(case, search=attrs.evolve(case.search, sought=sought))
 
 
 def _well_begun(case: Case, before: State) -> bool:
-    """Whether the sample before was so close to this equilibrium that no other start would lead further."""
-    at = None if case.contacts else case.search.at(before.z, case.start, before.places, before.e)
+    """Whether the sample before was so close to this equilibrium that no other start would lead further.
+
+    Never where places are estimated: of contacts, or of points, which need not be those of the sample before.
+    """
+    if case.contacts or case.search.seen.places:
+        return False
+    at = case.search.at(before.z, case.start, before.places, before.e)
     return at is not None and at.off < _CLOSE
 
 
@@ -258,22 +317,34 @@ def _off(state: State) -> float:
     return float(np.sqrt(state.weights @ state.misfit**2 / len(state.misfit)))
 
 
+def _left(free: Search, state: State) -> float:
+    """What any loads would leave of the misfits, to first order: root mean square, as the loss counts them."""
+    normal = Normal.of(free, state)
+    won = -float(normal.gradient @ np.concatenate(normal.step(state, 0.0)))
+    known = float(state.weights @ state.misfit**2 + state.e @ state.e)
+    return float(np.sqrt(max(known - won, 0.0) / len(state.misfit)))
+
+
 def _before(numbered: Numbered, unit: Array) -> Belief:
     """What is known before the first sample, in units."""
     mean, information = np.zeros(len(unit)), np.zeros((len(unit), len(unit)))
+    errors = slice(len(numbered.labels), len(unit))
+    information[errors, errors] = np.eye(len(unit))[errors, errors]
     for part, each in zip(numbered.parts, numbered.unknown, strict=True):
         known = each.known_before
         if known is not None:
             mean[part], information[part, part] = known.mean, known.information
     information = information * np.outer(unit, unit)
     open_ = np.diag(information) == 0.0
-    return Belief(mean / unit, np.linalg.inv(information + np.diag(np.where(open_, _OPEN**-2, 0.0))))
+    covariance = np.linalg.inv(information + np.diag(np.where(open_, _OPEN**-2, 0.0)))
+    return Belief(mean / unit, covariance, len(unit) - len(numbered.labels))
 
 
 def _drift(given: Any, numbered: Numbered) -> Array:
     """Standard deviations after a second, SI."""
     fields = {number.field: number.size for each in numbered.unknown for number in each.sought}
-    by_field = given if isinstance(given, Mapping) else {"force": given}
+    forces = [field for field in fields if field.endswith("force")]
+    by_field = given if isinstance(given, Mapping) else dict.fromkeys(forces, given)
     if set(by_field) != set(fields):
         raise DefinitionError(f"drift = {given!r} must tell that of {' and '.join(fields)}: a mapping of these")
     found = np.empty(len(numbered.labels))

@@ -16,25 +16,36 @@ from ..robot.checks import Array
 from .load_solver import Normal, Search, State
 
 _BENT = 1e-2  # standard deviations: how far misfits' second order may be off before they are linearized anew
-_MOST_PASSES = 5
+_MOST_PASSES = 2
 
 
 @attrs.frozen(eq=False)
 class Belief:
-    """A normal distribution of the numbers sought, in their units: mean ``(k,)``, covariance ``(k, k)``."""
+    """A normal distribution of the numbers sought, in their units, and behind them of so many ``errors`` of the model.
+
+    Mean ``(k,)``, covariance ``(k, k)``.
+    """
 
     mean: Array
     covariance: Array
+    errors: int = 0
 
     def later(self, spread: Array) -> Belief:
         """After a walk with this covariance."""
-        return Belief(self.mean, self.covariance + spread)
+        return attrs.evolve(self, covariance=self.covariance + spread)
 
     def told(self, matrix: Array, gradient: Array) -> Belief:
         """With a loss of such second and first derivatives at the mean."""
         covariance = np.linalg.solve(np.eye(len(self.mean)) + self.covariance @ matrix, self.covariance)
         covariance = 0.5 * (covariance + covariance.T)
-        return Belief(self.mean - covariance @ gradient, covariance)
+        return attrs.evolve(self, mean=self.mean - covariance @ gradient, covariance=covariance)
+
+    def unlearned(self) -> Belief:
+        """With errors that are standard normal again, and what the numbers sought have of them (Schmidt's filter)."""
+        first = len(self.mean) - self.errors
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[first:], covariance[first:, first:] = 0.0, np.eye(self.errors)
+        return attrs.evolve(self, mean=mean, covariance=covariance)
 
     def given(self, predicted: Belief, later: Array) -> Array:
         """The mean, if what was predicted from here turned out to be this."""
@@ -46,7 +57,7 @@ class Belief:
 class Sample:
     """A robot seen at a time, s, and all of it to first order at ``state``; ``search`` is without prior.
 
-    ``matrix`` and ``gradient``: of the loss, in the numbers' units.
+    ``unit``, ``matrix`` and ``gradient``: of the numbers sought and the errors; the latter two of the loss, in units.
     """
 
     time: float
@@ -68,29 +79,29 @@ class Sample:
     @property
     def mean(self) -> Array:
         """Where it is linearized, in units."""
-        return self.state.x / self.unit
+        return np.concatenate((self.state.x, self.state.e)) / self.unit
 
     def bent(self, mean: Array) -> bool:
         """Whether the linearization does not reach so far: the change of slopes is as that of the numbers' scales."""
         step = mean - self.mean
-        size = np.abs(step * self.unit / self.search.sought.scale).max()
+        size = np.abs(step * self.unit / self.search.sought.whole_scale)[: len(self.state.x)].max()
         return bool(size * np.sqrt(step @ self.matrix @ step) > _BENT)
 
     def at(self, mean: Array) -> Sample:
         """Linearized anew; as it was where the model cannot be evaluated."""
         search, state = self.search, self.state
-        x = np.clip(mean * self.unit, search.sought.lower, search.sought.upper)
-        step = x - state.x
-        z = state.z + state.follow @ np.concatenate(([1.0], step))
-        found = search.at(z, x, self.normal.places(state, step), state.e)
+        whole = np.clip(mean * self.unit, *search.sought.whole_bounds)
+        x, e = np.split(whole, [len(state.x)])
+        z = state.z + state.follow @ np.concatenate(([1.0], x - state.x))
+        found = search.at(z, x, self.normal.places(state, whole - self.mean * self.unit), e)
         return self if found is None else Sample.of(self.time, self.actuation, search, self.unit, found)
 
 
 class Window:
     """The last samples in the order of their times.
 
-    ``drift (k, k)``: covariance of the walk in a second, in the numbers' units. ``since``: time of the last sample that
-    is not in the window any more; what it and those before it told is in ``before``.
+    ``drift (k, k)``: covariance of the walk in a second, in units; zero for errors. ``since``: time of the last sample
+    that is not in the window any more; what it and those before it told is in ``before``.
     """
 
     def __init__(self, before: Belief, drift: Array, horizon: int) -> None:
@@ -122,8 +133,10 @@ class Window:
                 self.samples[k] = self.samples[k].at(self.means[k])
             self._pass(bent[0])
         if len(self.samples) > self._horizon:
-            self.before, self.since = self._beliefs.pop(0), self.samples.pop(0).time
+            self.before, self.since = self._beliefs.pop(0).unlearned(), self.samples.pop(0).time
             del self._predictions[0], self.means[0]
+            if self.before.errors:
+                self._pass(0)
 
     @property
     def _times(self) -> list[float]:

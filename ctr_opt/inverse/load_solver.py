@@ -6,7 +6,7 @@ order and both arrive together; no equilibrium is solved for on the way.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import attrs
@@ -31,6 +31,7 @@ BLIND = 30.0  # scaled standard deviation from which a direction is not moved al
 _STALLED, _NOTHING = 8, 1e-7  # steps in which the loss falls by less, relative, where it is flat: the last
 _LITTLE = 1e-2  # of losses, half squared standard deviations: what it may still fall by where steps run out
 _BEYOND = 1e100  # of misfits and slopes: their squares are no numbers
+_MISSED = 0.1  # of what a step fell short by: a loss told so much too low does not excuse the step
 _CORRECTIONS = 3  # of forces for new places of contacts, where a step of both goes too far
 _CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where there is no way on
 
@@ -40,7 +41,8 @@ class Sought:
     """What is sought and how the model takes it: ``numbers = mixing @ x``, by their scale, prior and bounds.
 
     ``spread (others, q)``: factor of the covariance of the model's other numbers, which are known with errors only:
-    they change by ``spread @ e``, where ``e`` is standard normal.
+    they change by ``spread @ e``, where ``e`` is standard normal. Where more is known of ``x`` and ``e`` together,
+    ``together`` has their mean and inverse covariance, in the place of the prior.
     """
 
     mixing: Array
@@ -50,6 +52,18 @@ class Sought:
     lower: Array
     upper: Array
     spread: Array
+    together: tuple[Array, Array] | None = None
+
+    @cached_property
+    def before(self) -> tuple[Array, Array]:
+        """Mean and inverse covariance of ``x`` and ``e`` before anything is seen."""
+        if self.together is not None:
+            return self.together
+        from scipy.linalg import block_diag
+
+        errors = self.spread.shape[1]
+        information = np.asarray(block_diag(self.prior_information, np.eye(errors)), dtype=np.float64)
+        return np.append(self.prior_mean, np.zeros(errors)), information
 
     @cached_property
     def at_places(self) -> NDArray[np.bool_]:
@@ -153,7 +167,10 @@ class State:
 
 @attrs.frozen(eq=False)
 class Search:
-    """Measurements of one robot at rest, and the loads sought; the model may be shared with searches elsewhere."""
+    """Measurements of one robot at rest, and the loads sought; the model may be shared with searches elsewhere.
+
+    ``hopeless`` tells from which states a search is not worth going on.
+    """
 
     model: LoadedModel
     actuation: Actuation
@@ -162,6 +179,7 @@ class Search:
     sought: Sought
     seen: Seen
     arrived: float = _ARRIVED
+    hopeless: Callable[[State], bool] | None = None
 
     # -- evaluation ------------------------------------------------------------------------------------------------
 
@@ -192,20 +210,24 @@ class Search:
             along = self.seen.comparison.along(told.predictions)[0] * self.length
         cost, weights = self.seen.weights(misfit)
         off = float(np.abs(follow[:, 0] / self.unit).max())
-        d = x - sought.prior_mean
-        cost += 0.5 * float(d @ sought.prior_information @ d + e @ e)
+        mean, information = sought.before
+        d = np.concatenate((x, e)) - mean
+        cost += 0.5 * float(d @ information @ d)
         return State(z, x, places, e, misfit, slopes, along, np.asarray(follow[:, : 1 + len(x)]), off, cost, weights)
 
     # -- search ----------------------------------------------------------------------------------------------------
 
     def solve(self, z: Array, x: Array, places: Array) -> State | None:
         """The least loss nearby; None where no way leads on."""
-        state = self.at(z, np.clip(x, self.sought.lower, self.sought.upper), places, np.zeros(self.errors))
+        e = self.sought.before[0][len(x) :]
+        state = self.at(z, np.clip(x, self.sought.lower, self.sought.upper), places, e)
         damping, before = 0.0, 0.0
         costs: list[float] = []
         for _ in range(_MOST_STEPS):
             if state is None or state.arrived:
                 return state
+            if self.hopeless is not None and self.hopeless(state):
+                return None
             costs.append(state.cost)
             if len(costs) > _STALLED and np.ptp(costs[-_STALLED:]) < _NOTHING * (1.0 + state.cost):
                 return self._at_rest(state)
@@ -247,6 +269,8 @@ class Search:
                 return found, 0.0 if damping < 1e-6 else 0.1 * damping, 0.0 if damping else length
             settled = self._settled(state) if state.off > _SETTLED else None
             if settled is not None:  # the loss was told by a linearization: back into equilibrium first
+                if found is None or settled.cost - state.cost < _MISSED * (found.cost - state.cost):
+                    damping = max(10.0 * damping, 1e-3)
                 return settled, damping, 0.0
             damping = max(10.0 * damping, 1e-3)
         return None, damping, 0.0
@@ -291,13 +315,11 @@ class Normal:
     @classmethod
     def of(cls, search: Search, state: State) -> Normal:
         """At a state."""
-        sought, k = search.sought, len(state.x)
+        sought = search.sought
+        mean, information = sought.before
         weighted = state.weights[:, None] * state.slopes
-        matrix, gradient = state.slopes.T @ weighted, weighted.T @ state.misfit
-        matrix[:k, :k] += sought.prior_information
-        gradient[:k] += sought.prior_information @ (state.x - sought.prior_mean)
-        matrix[k:, k:] += np.eye(search.errors)
-        gradient[k:] += state.e
+        matrix = state.slopes.T @ weighted + information
+        gradient = weighted.T @ state.misfit + information @ (np.concatenate((state.x, state.e)) - mean)
         by_place = state.along.T @ weighted
         curvatures = state.weights @ state.along**2
         pulls = state.along.T @ (state.weights * state.misfit)

@@ -55,13 +55,13 @@ class StreamedForce:
     @property
     def force(self) -> Array:
         """The force ``(3,)``, N, world frame; of several unknown loads ``(k, 3)``."""
-        found = np.array([self.estimates[part] for part in self.numbered.where("force")])
+        found = np.array([rows @ self.estimates for rows in self.numbered.resultants])
         return found if len(found) > 1 else np.asarray(found[0])
 
     @property
     def force_covariance(self) -> Array:
         """Covariance of :attr:`force`, N^2: ``(3, 3)``, of several ``(k, 3, 3)``."""
-        found = np.array([self.covariance[part, part] for part in self.numbered.where("force")])
+        found = np.array([rows @ self.covariance @ rows.T for rows in self.numbered.resultants])
         return found if len(found) > 1 else np.asarray(found[0])
 
     @property
