@@ -117,7 +117,7 @@ def test_forces_tell_stiffnesses(method):
 
 
 def test_forces_beside_points():
-    """Experiments with forces run in the virtual machine, others of the same fit in compiled code."""
+    """Forces of tubes of varying precurvature take the virtual machine, others of the same fit compiled code."""
     robot = small_robot(2)
     with_force, without = experiments(robot, 2, 6, lambda shape, rng: _both(shape), noise=False)
     without = attrs.evolve(without, measurements=without.measurements[:1])

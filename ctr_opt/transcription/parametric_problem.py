@@ -155,7 +155,7 @@ class ParametricProblem:
         weights = ca.vertcat(0, *jumps[1:-1], *(-jump for jump in jumps[1:]))
         preset = self._preset(*shapes[0])
         for key, rows in shapes[1:]:
-            preset = ca.if_else(points[key] < 0, self._preset(key, rows), preset)
+            preset = ca.if_else(points[key] <= 0, self._preset(key, rows), preset)
         force = self._straightened(i, torque, preset)
         return ca.Function("actuated", [self.theta, torque], [weights, force])
 
