@@ -56,6 +56,11 @@ class ForceEstimator:
         How many samples are estimated together.
     prior
         Of forces, to begin with, as in :class:`~ctr_opt.ForceEstimationProblem`.
+    fit
+        The calibration that the robot is from: the errors of its parameters are counted among those of the loads.
+    rotation_sigma, translation_sigma
+        Standard deviations of the given actuation, the same error in all samples: numbers or one for each tube, rad and
+        m. Default: it is exact.
     outlier
         Standard deviations, root mean square over a sample: one that is farther from every shape that the loads can
         give is left out.
@@ -71,10 +76,14 @@ class ForceEstimator:
     ------
     DefinitionError
         Names the field, the value and what is allowed.
+    EstimationError
+        The fit leaves parameters of the robot open.
 
     Notes
     -----
-    Errors of the actuation and of the calibration, which do not change from sample to sample, are not counted.
+    Errors of the actuation and of the calibration do not change from sample to sample. They are estimated with the
+    samples of the horizon; what older ones told of them is not used, so that covariances stay as large as they leave
+    them (Schmidt's filter).
 
     Examples
     --------
