@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import atan2, sqrt
 from typing import Any
 
 import attrs
@@ -58,8 +59,7 @@ class Target:
 
     def errors(self, equilibrium: Equilibrium) -> tuple[float, float]:
         """Distance of the tip, m, and angle of its axis or frame, rad, from the target."""
-        missing = self.position - equilibrium.tip_position
-        return float(np.sqrt(missing @ missing)), float(np.linalg.norm(self._turn(equilibrium))) if self.turns else 0.0
+        return errors_of(self.misfit(equilibrium))
 
     def misfit(self, equilibrium: Equilibrium) -> Array:
         """How the tip must move and turn to the target, distances over ``LENGTH``: 3, 5 or 6 numbers."""
@@ -85,6 +85,12 @@ class Target:
         return _turn_between(frame if self.axes.shape[1] == 3 else frame[:, 2:], self.axes)
 
 
+def errors_of(misfit: Array) -> tuple[float, float]:
+    """Distance, m, and angle, rad, of a misfit."""
+    missing, turn = misfit[:3], misfit[3:]
+    return LENGTH * sqrt(missing @ missing), sqrt(turn @ turn)
+
+
 def rotation(turn: Array) -> Array:
     """The rotation matrix of a rotation vector."""
     from scipy.spatial.transform import Rotation
@@ -94,19 +100,29 @@ def rotation(turn: Array) -> Array:
 
 def _turn_between(start: Array, end: Array) -> Array:
     """The shortest rotation vector that takes an axis ``(3, 1)`` or a frame ``(3, 3)`` to another."""
-    if start.shape[1] == 1:
-        return _from_axis_to(start[:, 0], end[:, 0])
-    from scipy.spatial.transform import Rotation
+    return _from_axis_to(start[:, 0], end[:, 0]) if start.shape[1] == 1 else _vector_of(end @ start.T)
 
-    return np.asarray(Rotation.from_matrix(end @ start.T).as_rotvec())
+
+def _vector_of(turned: Array) -> Array:
+    """The rotation vector of a rotation matrix; nearly half a turn, its axis is that of the symmetric part."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turned.tolist()
+    doubled = np.array([zy - yz, xz - zx, yx - xy])  # by the sine
+    size, cosine = sqrt(doubled @ doubled), 0.5 * (xx + yy + zz - 1.0)
+    angle = atan2(0.5 * size, cosine)
+    if cosine > -0.9:
+        return doubled * (angle / size if size > 0.0 else 0.5)
+    symmetric = turned + turned.T - 2.0 * cosine * np.eye(3)
+    axis = symmetric[:, np.argmax(np.diagonal(symmetric))]
+    return np.copysign(angle, axis @ doubled) / sqrt(axis @ axis) * axis
 
 
 def _from_axis_to(start: Array, end: Array) -> Array:
-    across = np.cross(start, end)
-    sine, cosine = float(np.sqrt(across @ across)), float(start @ end)
+    (x, y, z), (u, v, w) = start.tolist(), end.tolist()
+    across = np.array([y * w - z * v, z * u - x * w, x * v - y * u])
+    sine, cosine = sqrt(across @ across), float(start @ end)
     if sine < 1e-12 and cosine < 0.0:  # the other way: about any axis across
         return np.pi * _unit(np.cross(start, np.eye(3)[np.argmin(np.abs(start))]))
-    return across * (np.arctan2(sine, cosine) / sine if sine > 0.0 else 1.0)
+    return across * (atan2(sine, cosine) / sine if sine > 0.0 else 1.0)
 
 
 def _unit(vector: Array) -> Array:
