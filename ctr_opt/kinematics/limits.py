@@ -106,6 +106,20 @@ class Allowed:
         """The names of the limits that are not kept, by more than rounding."""
         return tuple(name for name, left in zip(self.names, self.room(joints), strict=True) if left < -_ROUNDING)
 
+    def beyond(self, joints: Array, weights: Array) -> Array:
+        """How far joints ``(k, 2 tubes)`` are beyond each limit, in weights, ``(k, limits)``."""
+        return np.asarray(
+            np.maximum(joints @ self.rows.T - self.most, 0.0) / np.linalg.norm(self.rows / weights, axis=1)
+        )
+
+    def unwound(self, angles: Array, reference: Array) -> Array:
+        """Rotations ``(k, tubes)`` by whole turns nearest to others, and then within their bounds if that can be."""
+        tubes, turn = len(reference), 2.0 * np.pi
+        near = angles - turn * np.round((angles - reference) / turn)
+        least = np.ceil((self.lower[:tubes] - near) / turn)
+        most = np.floor((self.upper[:tubes] - near) / turn)
+        return np.asarray(near + turn * np.where(least <= most, np.clip(0.0, least, most), 0.0))
+
     def nearest(self, joints: Array, weights: Array) -> Array:
         """The allowed joints nearest to given ones, distances weighted; an error where nothing is allowed."""
         step = least_distance(self.rows / weights, self.room(joints))

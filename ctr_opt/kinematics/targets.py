@@ -52,6 +52,26 @@ class Target:
         """The target of the same kind that a shape has reached."""
         return Target(equilibrium.tip_position, equilibrium.tip_pose[:3, 3 - self.axes.shape[1] : 3])
 
+    @property
+    def counted(self) -> Array:
+        """The part of a turn ``(3,)`` in the world that counts, as a projection: across an axis, all, or none."""
+        if self.axes.shape[1] == 1:
+            return np.eye(3) - self.axes @ self.axes.T
+        return np.eye(3) if self.turns else np.zeros((3, 3))
+
+    def turns_from(self, frames: Array) -> Array:
+        """Rotation vectors ``(k, 3)`` that take many frames ``(k, 3, 3)`` to the axes, but for those of half a turn."""
+        if not self.turns:
+            return np.zeros((len(frames), 3))
+        own = frames[:, :, 3 - self.axes.shape[1] :]
+        alike = (own * self.axes).sum(axis=(1, 2))
+        across = np.cross(own, self.axes, axisa=1, axisb=0).sum(axis=1)
+        if self.axes.shape[1] == 3:
+            alike, across = 0.5 * (alike - 1.0), 0.5 * across
+        sines = np.linalg.norm(across, axis=1)
+        angles = np.arctan2(sines, alike)
+        return np.asarray(across * (angles / np.maximum(sines, 1e-12))[:, None])
+
     def seen_from(self, pose: Array) -> Target:
         """The target in the axes of a pose."""
         turned = pose[:3, :3].T
@@ -113,7 +133,7 @@ def _vector_of(turned: Array) -> Array:
         return doubled * (angle / size if size > 0.0 else 0.5)
     symmetric = turned + turned.T - 2.0 * cosine * np.eye(3)
     axis = symmetric[:, np.argmax(np.diagonal(symmetric))]
-    return np.copysign(angle, axis @ doubled) / sqrt(axis @ axis) * axis
+    return np.asarray(np.copysign(angle, axis @ doubled) / sqrt(axis @ axis) * axis)
 
 
 def _from_axis_to(start: Array, end: Array) -> Array:
