@@ -166,12 +166,17 @@ def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[A
     if limits.translations is not None:
         _check_translations(robot, limits.translations)
         lower[tubes:], upper[tubes:] = limits.translations.T
-    for load in loads:
+    for k, load in enumerate(loads):
         places = [getattr(load, field, None) for field in ("arc_length", "start", "end")]
         for place in places:
             tube = getattr(load, "tube", tubes)
             if place is not None and tube < tubes:
                 lower[tubes + tube] = max(lower[tubes + tube], place - lengths[tube] + _REACH)
+                if lower[tubes + tube] > upper[tubes + tube]:
+                    most = lengths[tube] + upper[tubes + tube] - _REACH
+                    raise DefinitionError(
+                        f"loads[{k}] acts at {place:g} m on tube {tube}, but must be at most at {most:g} m"
+                    )
     return lower, upper
 
 

@@ -23,7 +23,8 @@ from .limits import Allowed, joints_of
 from .targets import Target, errors_of
 
 _MOST_STEPS = 60
-_LONGEST, _SHORTEST = 0.5, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
+_LONGEST, _SHORTEST = 0.7, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
+_PART = 0.05  # of a step that is longer than trusted: less is not cut from it, but sought within what is trusted
 _DAMPING, _LEAST_DAMPING = 1e-2, 1e-8  # over the squared misfit, up to one; of all
 _GOOD, _POOR, _USELESS = 0.75, 0.25, 1e-3  # gained of what a step promised
 _AIM, _ENOUGH = 0.5, 0.9  # of the tolerances: sought, and accepted; a tenth is left to the errors of the solves
@@ -134,9 +135,14 @@ class Search:
         damping = max(trust.damping * min(point.cost, 1.0), _LEAST_DAMPING)
         hessian = rates.T @ rates + damping * np.eye(len(self.weights))
         rows, room = self._room(point)
-        box = np.eye(len(self.weights))
-        every = np.vstack((rows, box, -box)), np.concatenate((room, np.full(2 * len(box), trust.longest)))
-        step = bounded_step(hessian, -rates.T @ misfit, *every)
+        step = bounded_step(hessian, -rates.T @ misfit, rows, room)
+        part = trust.longest / max(float(np.abs(step).max()), trust.longest)
+        if part >= _PART:
+            step *= part
+        else:  # some motion hardly moves the tip: cut to size, nothing would be left of the others
+            box = np.eye(len(self.weights))
+            room = np.concatenate((room, np.full(2 * len(box), trust.longest)))
+            step = bounded_step(hessian, -rates.T @ misfit, np.vstack((rows, box, -box)), room)
         return step, point.cost - float(((misfit - rates @ step) ** 2).sum())
 
     def reached(self, point: Point, ending: Ending) -> bool:
