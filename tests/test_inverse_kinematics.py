@@ -13,7 +13,7 @@ from benchmarks.inverse_kinematics import Bench, Record, by_scipy, table
 from ctr_opt.kinematics.least_distance import bounded_step, least_distance
 from ctr_opt.kinematics.limits import Allowed, joints_of
 from ctr_opt.kinematics.search import Point
-from ctr_opt.kinematics.targets import LENGTH, Target, rotation
+from ctr_opt.kinematics.targets import LENGTH, Target, _turn_between, rotation
 
 TOLERANCE, ANGLE = 1e-6, 1e-4  # the defaults: m, rad
 ROBOT_B = "problems/three_tubes/robot_b.toml"
@@ -324,6 +324,21 @@ def wrong(problem, shape):
         "no targets": (lambda: problem.solve_path(np.zeros((0, 3))), ["targets is empty"]),
         "no steps": (lambda: problem.solve_path([shape.tip_position], longest_step=(0.0, 1.0)), ["longest_step"]),
         "loads of others": (lambda: problem.solve_path([shape.tip_position], [[], []]), ["loads has 2", "1"]),
+        "no list of loads": (lambda: problem.solve_path([shape.tip_position], None), ["loads = None", "list of loads"]),
+        "no list in a list": (lambda: problem.solve_path([shape.tip_position], [None]), ["loads = None"]),
+        "a load beyond its tube": (
+            lambda: problem.solve([0, 0, 0.1], [ctr.PointWrench(force=[0.01, 0, 0], arc_length=0.6)]),
+            ["loads[0]", "0.6 m", "tube 0", "0.4629 m"],
+        ),
+        "no rotation on a path": (
+            lambda: problem.solve_path([np.eye(4), np.diag([2.0, 1.0, 1.0, 1.0])]),
+            ["targets[1]", "no rotation"],
+        ),
+        "no direction on a path": (
+            lambda: problem.solve_path([[0, 0, 0.1]] * 2, axes=[[0, 0, 1], [0, 0, 0]]),
+            ["axes[1]", "zero"],
+        ),
+        "axes beside poses": (lambda: problem.solve_path([np.eye(4)], axes=[[0, 0, 1]]), ["axes", "poses"]),
         "no robot": (lambda: ik("robot"), ["robot = 'robot'"]),
         "no limits": (lambda: ik(robot, limits=3), ["limits = 3", "JointLimits"]),
         "a home outside": (lambda: ik(robot, home=outside), ["home", "exceeds", "base of tube 0"]),
@@ -372,6 +387,46 @@ def test_steps_within_inequalities_are_minima():
         other *= min(1.0, *(room[rows @ other > 0.0] / (rows @ other)[rows @ other > 0.0]), 1.0)
         along = other - step
         assert (hessian @ step + gradient) @ along > -1e-12  # no allowed direction leads down
+
+
+def test_steps_keep_inequalities_where_the_hessian_is_nearly_singular():
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        root, rows = rng.normal(size=(3, 6)), np.vstack((rng.normal(size=(4, 6)), np.eye(6), -np.eye(6)))
+        room = np.concatenate((0.1 * rng.random(4), np.full(12, 0.5)))
+        step = bounded_step(root.T @ root + 1e-8 * np.eye(6), 10.0 * root.T @ rng.normal(size=3), rows, room)
+        assert (room - rows @ step).min() > -1e-15  # rounding, of steps below one
+
+
+def test_rotation_vectors_are_those_of_rotations():
+    rng = np.random.default_rng(4)
+    for angle in (0.0, 1e-9, 1e-3, 1.0, 2.6, 2.7, np.pi - 1e-6, np.pi):
+        for axis in rng.normal(size=(20, 3)):
+            turned = rotation(angle * axis / np.linalg.norm(axis))
+            target = Target(np.zeros(3), turned)
+            (found,) = target.turns_from(np.eye(3)[None])
+            vector = _turn_between(np.eye(3), turned)
+            np.testing.assert_allclose(rotation(vector), turned, atol=1e-14)
+            if angle < 3.0:
+                np.testing.assert_allclose(found, vector, atol=1e-9)
+
+
+def test_other_starts_keep_limits_of_rotations_by_full_turns():
+    limits = ctr.JointLimits(rotations=[[0.0, 2.0 * np.pi]] * 3)
+    allowed = Allowed.of(ctr.load_robot(ROBOT_B), limits)
+    angles = np.random.default_rng(0).uniform(-10.0, 10.0, (50, 3))
+    found = allowed.unwound(angles, np.zeros(3))
+    assert found.min() >= 0.0
+    assert found.max() <= 2.0 * np.pi
+    np.testing.assert_allclose(np.cos(found - angles), 1.0, atol=1e-14)
+
+
+def test_poses_that_snaps_and_limits_hide_from_home_are_reached():
+    """Poses of robot A to which the nearest tips of random shapes do not lead."""
+    bench = Bench.of("A", loaded=False)
+    shapes = bench.shapes(295, seed=1)
+    for k in (269, 294):
+        assert bench.problem.solve(shapes[k].tip_pose).converged
 
 
 def test_axes_that_point_away_can_be_turned_to(problem, shape):

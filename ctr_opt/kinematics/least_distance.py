@@ -11,6 +11,7 @@ import numpy as np
 from ..robot.checks import Array
 
 _CONTRADICTION = 1e-10  # what is left where inequalities contradict each other: points farther than 1e10 are none
+_ROUNDING = 1e-16  # of steps of a size below one
 
 
 def least_distance(rows: Array, most: Array) -> Array | None:
@@ -32,4 +33,11 @@ def bounded_step(hessian: Array, gradient: Array, rows: Array, room: Array) -> A
     if (left >= 0.0).all():
         return free
     change = least_distance(np.linalg.solve(root, rows.T).T, left)
-    return np.zeros_like(free) if change is None else np.asarray(free + np.linalg.solve(root.T, change))
+    if change is None:
+        return np.zeros_like(free)
+    step = free + np.linalg.solve(root.T, change)
+    left = room - rows @ step
+    if left.min() < -_ROUNDING:  # of a free step that was long, where the Hessian is nearly singular
+        back = least_distance(rows, left)
+        step = step if back is None else step + back
+    return np.asarray(step)

@@ -106,6 +106,20 @@ class Allowed:
         """The names of the limits that are not kept, by more than rounding."""
         return tuple(name for name, left in zip(self.names, self.room(joints), strict=True) if left < -_ROUNDING)
 
+    def beyond(self, joints: Array, weights: Array) -> Array:
+        """How far joints ``(k, 2 tubes)`` are beyond each limit, in weights, ``(k, limits)``."""
+        return np.asarray(
+            np.maximum(joints @ self.rows.T - self.most, 0.0) / np.linalg.norm(self.rows / weights, axis=1)
+        )
+
+    def unwound(self, angles: Array, reference: Array) -> Array:
+        """Rotations ``(k, tubes)`` by whole turns nearest to others, and then within their bounds if that can be."""
+        tubes, turn = len(reference), 2.0 * np.pi
+        near = angles - turn * np.round((angles - reference) / turn)
+        least = np.ceil((self.lower[:tubes] - near) / turn)
+        most = np.floor((self.upper[:tubes] - near) / turn)
+        return np.asarray(near + turn * np.where(least <= most, np.clip(0.0, least, most), 0.0))
+
     def nearest(self, joints: Array, weights: Array) -> Array:
         """The allowed joints nearest to given ones, distances weighted; an error where nothing is allowed."""
         step = least_distance(self.rows / weights, self.room(joints))
@@ -152,12 +166,17 @@ def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[A
     if limits.translations is not None:
         _check_translations(robot, limits.translations)
         lower[tubes:], upper[tubes:] = limits.translations.T
-    for load in loads:
+    for k, load in enumerate(loads):
         places = [getattr(load, field, None) for field in ("arc_length", "start", "end")]
         for place in places:
             tube = getattr(load, "tube", tubes)
             if place is not None and tube < tubes:
                 lower[tubes + tube] = max(lower[tubes + tube], place - lengths[tube] + _REACH)
+                if lower[tubes + tube] > upper[tubes + tube]:
+                    most = lengths[tube] + upper[tubes + tube] - _REACH
+                    raise DefinitionError(
+                        f"loads[{k}] acts at {place:g} m on tube {tube}, but must be at most at {most:g} m"
+                    )
     return lower, upper
 
 

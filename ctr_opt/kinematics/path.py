@@ -9,7 +9,7 @@ import numpy as np
 
 from ..equilibrium import Equilibrium
 from ..errors import DefinitionError
-from ..robot.checks import Array, array
+from ..robot.checks import Array, array, rigid
 from .limits import joints_of
 from .result import InverseKinematicsPath, InverseKinematicsStatus
 from .search import Ending, Point, Search
@@ -94,11 +94,16 @@ def _with_limits(why: str, search: Search, point: Point) -> str:
 def targets_of(targets: Any, axes: Any) -> list[Target]:
     """Positions ``(k, 3)``, with or without axes, or poses ``(k, 4, 4)``, as targets."""
     if np.ndim(targets) == 3:
+        if axes is not None:
+            raise DefinitionError("axes belong to positions: poses have axes of their own")
         poses = array(targets, "targets", (None, 4, 4), unit="m")
-        made = [Target.of(None, axes, pose) for pose in poses]
+        made = [Target.of(None, None, rigid(pose, f"targets[{k}]")) for k, pose in enumerate(poses)]
     else:
         positions = array(targets, "targets", (None, 3), unit="m")
         wanted = [None] * len(positions) if axes is None else array(axes, "axes", (len(positions), 3))
+        for k, axis in enumerate(wanted):
+            if axis is not None and not axis.any():
+                raise DefinitionError(f"axes[{k}] is zero: it must be a direction")
         made = [Target.of(p, axis, None) for p, axis in zip(positions, wanted, strict=True)]
     if not made:
         raise DefinitionError("targets is empty")

@@ -15,7 +15,7 @@ from ..errors import CompilationError, DefinitionError, SolveError
 from ..forward import ForwardProblem, as_loads
 from ..robot.actuation import Actuation
 from ..robot.checks import Array, array, choice, flag, number
-from ..robot.loads import Load
+from ..robot.loads import LOADS, Load
 from ..robot.robot import Robot
 from .answers import CRITERIA, answered, best
 from .limits import Allowed, JointLimits, joints_of
@@ -180,7 +180,8 @@ class InverseKinematicsProblem:
             The path breaks off: where and why; ``.result`` is the path up to there.
         """
         places = targets_of(targets, axes)
-        every = rows_of_loads(loads, len(places))
+        given = [each if isinstance(each, LOADS) else as_loads(each) for each in as_loads(loads)]
+        every = rows_of_loads(given, len(places))
         searches = [self.search(target, own) for target, own in zip(places, every, strict=True)]
         longest = np.repeat(_longest(longest_step), len(self.robot.tubes))
         if initial is None:

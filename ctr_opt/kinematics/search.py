@@ -20,10 +20,11 @@ from ..robot.checks import Array
 from ..robot.loads import Load
 from .least_distance import bounded_step, least_distance
 from .limits import Allowed, joints_of
-from .targets import Target
+from .targets import Target, errors_of
 
 _MOST_STEPS = 60
-_LONGEST, _SHORTEST = 0.5, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
+_LONGEST, _SHORTEST = 0.7, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
+_PART = 0.05  # of a step that is longer than trusted: less is not cut from it, but sought within what is trusted
 _DAMPING, _LEAST_DAMPING = 1e-2, 1e-8  # over the squared misfit, up to one; of all
 _GOOD, _POOR, _USELESS = 0.75, 0.25, 1e-3  # gained of what a step promised
 _AIM, _ENOUGH = 0.5, 0.9  # of the tolerances: sought, and accepted; a tenth is left to the errors of the solves
@@ -61,6 +62,11 @@ class Point:
         return self.target.misfit(self.equilibrium)
 
     @cached_property
+    def errors(self) -> tuple[float, float]:
+        """Distance, m, and angle, rad, from the target."""
+        return errors_of(self.misfit)
+
+    @cached_property
     def cost(self) -> float:
         """Squared misfit."""
         return float(self.misfit @ self.misfit)
@@ -94,7 +100,7 @@ class Search:
 
     def met(self, point: Point, part: float) -> bool:
         """Whether the errors are within a part of the tolerances."""
-        position, angle = self.target.errors(point.equilibrium)
+        position, angle = point.errors
         return position <= part * self.tolerances[0] and angle <= part * self.tolerances[1]
 
     def moved(self, point: Point, step: Array) -> Point | None:
@@ -128,8 +134,15 @@ class Search:
         rates, misfit = self._rates(point), point.misfit
         damping = max(trust.damping * min(point.cost, 1.0), _LEAST_DAMPING)
         hessian = rates.T @ rates + damping * np.eye(len(self.weights))
-        step = bounded_step(hessian, -rates.T @ misfit, *self._room(point))
-        step *= trust.longest / max(float(np.abs(step).max()), trust.longest)
+        rows, room = self._room(point)
+        step = bounded_step(hessian, -rates.T @ misfit, rows, room)
+        part = trust.longest / max(float(np.abs(step).max()), trust.longest)
+        if part >= _PART:
+            step *= part
+        else:  # some motion hardly moves the tip: cut to size, nothing would be left of the others
+            box = np.eye(len(self.weights))
+            room = np.concatenate((room, np.full(2 * len(box), trust.longest)))
+            step = bounded_step(hessian, -rates.T @ misfit, np.vstack((rows, box, -box)), room)
         return step, point.cost - float(((misfit - rates @ step) ** 2).sum())
 
     def reached(self, point: Point, ending: Ending) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import atan2, sqrt
 from typing import Any
 
 import attrs
@@ -51,6 +52,26 @@ class Target:
         """The target of the same kind that a shape has reached."""
         return Target(equilibrium.tip_position, equilibrium.tip_pose[:3, 3 - self.axes.shape[1] : 3])
 
+    @property
+    def counted(self) -> Array:
+        """The part of a turn ``(3,)`` in the world that counts, as a projection: across an axis, all, or none."""
+        if self.axes.shape[1] == 1:
+            return np.eye(3) - self.axes @ self.axes.T
+        return np.eye(3) if self.turns else np.zeros((3, 3))
+
+    def turns_from(self, frames: Array) -> Array:
+        """Rotation vectors ``(k, 3)`` that take many frames ``(k, 3, 3)`` to the axes, but for those of half a turn."""
+        if not self.turns:
+            return np.zeros((len(frames), 3))
+        own = frames[:, :, 3 - self.axes.shape[1] :]
+        alike = (own * self.axes).sum(axis=(1, 2))
+        across = np.cross(own, self.axes, axisa=1, axisb=0).sum(axis=1)
+        if self.axes.shape[1] == 3:
+            alike, across = 0.5 * (alike - 1.0), 0.5 * across
+        sines = np.linalg.norm(across, axis=1)
+        angles = np.arctan2(sines, alike)
+        return np.asarray(across * (angles / np.maximum(sines, 1e-12))[:, None])
+
     def seen_from(self, pose: Array) -> Target:
         """The target in the axes of a pose."""
         turned = pose[:3, :3].T
@@ -58,8 +79,7 @@ class Target:
 
     def errors(self, equilibrium: Equilibrium) -> tuple[float, float]:
         """Distance of the tip, m, and angle of its axis or frame, rad, from the target."""
-        missing = self.position - equilibrium.tip_position
-        return float(np.sqrt(missing @ missing)), float(np.linalg.norm(self._turn(equilibrium))) if self.turns else 0.0
+        return errors_of(self.misfit(equilibrium))
 
     def misfit(self, equilibrium: Equilibrium) -> Array:
         """How the tip must move and turn to the target, distances over ``LENGTH``: 3, 5 or 6 numbers."""
@@ -85,6 +105,12 @@ class Target:
         return _turn_between(frame if self.axes.shape[1] == 3 else frame[:, 2:], self.axes)
 
 
+def errors_of(misfit: Array) -> tuple[float, float]:
+    """Distance, m, and angle, rad, of a misfit."""
+    missing, turn = misfit[:3], misfit[3:]
+    return LENGTH * sqrt(missing @ missing), sqrt(turn @ turn)
+
+
 def rotation(turn: Array) -> Array:
     """The rotation matrix of a rotation vector."""
     from scipy.spatial.transform import Rotation
@@ -94,19 +120,29 @@ def rotation(turn: Array) -> Array:
 
 def _turn_between(start: Array, end: Array) -> Array:
     """The shortest rotation vector that takes an axis ``(3, 1)`` or a frame ``(3, 3)`` to another."""
-    if start.shape[1] == 1:
-        return _from_axis_to(start[:, 0], end[:, 0])
-    from scipy.spatial.transform import Rotation
+    return _from_axis_to(start[:, 0], end[:, 0]) if start.shape[1] == 1 else _vector_of(end @ start.T)
 
-    return np.asarray(Rotation.from_matrix(end @ start.T).as_rotvec())
+
+def _vector_of(turned: Array) -> Array:
+    """The rotation vector of a rotation matrix; nearly half a turn, its axis is that of the symmetric part."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turned.tolist()
+    doubled = np.array([zy - yz, xz - zx, yx - xy])  # by the sine
+    size, cosine = sqrt(doubled @ doubled), 0.5 * (xx + yy + zz - 1.0)
+    angle = atan2(0.5 * size, cosine)
+    if cosine > -0.9:
+        return doubled * (angle / size if size > 0.0 else 0.5)
+    symmetric = turned + turned.T - 2.0 * cosine * np.eye(3)
+    axis = symmetric[:, np.argmax(np.diagonal(symmetric))]
+    return np.asarray(np.copysign(angle, axis @ doubled) / sqrt(axis @ axis) * axis)
 
 
 def _from_axis_to(start: Array, end: Array) -> Array:
-    across = np.cross(start, end)
-    sine, cosine = float(np.sqrt(across @ across)), float(start @ end)
+    (x, y, z), (u, v, w) = start.tolist(), end.tolist()
+    across = np.array([y * w - z * v, z * u - x * w, x * v - y * u])
+    sine, cosine = sqrt(across @ across), float(start @ end)
     if sine < 1e-12 and cosine < 0.0:  # the other way: about any axis across
         return np.pi * _unit(np.cross(start, np.eye(3)[np.argmin(np.abs(start))]))
-    return across * (np.arctan2(sine, cosine) / sine if sine > 0.0 else 1.0)
+    return across * (atan2(sine, cosine) / sine if sine > 0.0 else 1.0)
 
 
 def _unit(vector: Array) -> Array:
