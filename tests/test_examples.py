@@ -14,6 +14,7 @@ FIGURES = {
     "fig9": EXAMPLES / "loaded.py",
     "inverse_kinematics": EXAMPLES / "inverse_kinematics.py",
     "load_appears": EXAMPLES / "load_appears.py",
+    "unknown_contact": EXAMPLES / "unknown_contact.py",
 } | {path.stem: path for path in (EXAMPLES / "figures").glob("*.py")}
 DOCS = EXAMPLES.parent / "docs" / "figures"
 

@@ -232,6 +232,7 @@ def test_wrong_unknown_loads(make, message):
         ({"loss": "l1"}, {}, "loss = 'l1' must be"),
         ({"unknown": [ctr.PointForce(tube=7)]}, {}, "unknown.0..tube = 7"),
         ({"rotation_sigma": 0.0}, {}, "rotation_sigma = 0.0 must be positive"),
+        ({"translation_sigma": [1e-4] * 5}, {}, "one for each of 3 tubes"),
         ({}, {"measurements": []}, "at least one measurement"),
         ({}, {"measurements": [ctr.PositionMeasurement(None, [0, 0, 0.1])]}, "sigma is needed"),
         ({}, {"measurements": [ctr.PositionMeasurement(0.5, [0, 0, 0.1], 1e-3)]}, "is at s = 0.5 m"),

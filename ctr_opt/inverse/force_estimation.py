@@ -272,10 +272,10 @@ def _same(case: Case, a: State, b: State) -> bool:
 def _deviations(value: Any, field: str, tubes: int) -> Array | None:
     if value is None:
         return None
-    given = np.broadcast_to(array(value, field, (None,) * np.ndim(value)), (tubes,))
-    if not (given > 0.0).all():
+    given = array(value, field, (None,) * np.ndim(value))
+    if given.shape not in ((), (1,), (tubes,)) or not (given > 0.0).all():
         raise DefinitionError(f"{field} = {value!r} must be positive: a number, or one for each of {tubes} tubes")
-    return np.array(given)
+    return np.array(np.broadcast_to(given, (tubes,)))
 
 
 def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad | Contacts, ...]:
