@@ -211,8 +211,8 @@ def _made(
     kind, values = at(file, place, lambda: load_kind(schemas, table))
     if "tube" in values:
         values["tube"] = at(file, place, lambda: tube_index(robot, values["tube"]))
-    if "prior" in values:
-        values["prior"] = _prior(**values["prior"])
+    for name in values.keys() & {"prior", "place_prior"}:
+        values[name] = _prior(**values[name])
     return at(file, place, lambda: kinds[kind](**values))
 
 

@@ -30,11 +30,19 @@ class DensityPriorSchema(Strict):
     sigma = Quantity("N/m", 3, scalar_too=True, required=True)
 
 
+class PlacePriorSchema(Strict):
+    """``place_prior`` of a force at an unknown place: its mean and standard deviation."""
+
+    mean = Quantity("m", required=True)
+    sigma = Quantity("m", required=True)
+
+
 class TipForceSchema(Strict):
     """``kind = "tip_force"``."""
 
     kind = plain_text()
     prior = fields.Nested(PriorSchema)
+    bounds = Quantity("N", 2)
 
 
 class TipWrenchSchema(Strict):
@@ -53,6 +61,9 @@ class PointForceSchema(Strict):
     prior = fields.Nested(PriorSchema)
     normal = Quantity("1", 3)
     friction = Quantity("1")
+    bounds = Quantity("N", 2)
+    between = Quantity("m", 2)
+    place_prior = fields.Nested(PlacePriorSchema)
 
 
 class ContactsSchema(Strict):
@@ -62,6 +73,8 @@ class ContactsSchema(Strict):
     most = fields.Int(strict=True)
     tube = fields.Raw()
     prior = fields.Nested(PriorSchema)
+    bounds = Quantity("N", 2)
+    between = Quantity("m", 2)
 
 
 class DistributedForceSchema(Strict):
@@ -75,6 +88,7 @@ class DistributedForceSchema(Strict):
     degree = fields.Int(strict=True)
     smoothness = Quantity("1")
     prior = fields.Nested(DensityPriorSchema)
+    bounds = Quantity("N/m", 2)
 
 
 class PointsSchema(Strict):

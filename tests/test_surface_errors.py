@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2, halfnorm
 
 import ctr_opt as ctr
-from ctr_opt.inverse.surface_errors import Spread, pushing, within_cone
+from ctr_opt.inverse.surface_errors import Spread, between, within_cone
 
 SAMPLES = 400_000
 
@@ -37,7 +37,7 @@ def test_a_slot_along_the_axis_leaves_half_a_normal_distribution():
     found = within_cone(slot, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.5)
     assert found.mean[2] == pytest.approx(halfnorm.mean(), rel=1e-6)
     assert found.covariance[2, 2] == pytest.approx(halfnorm.var(), rel=1e-6)
-    assert pushing(Spread(np.zeros(1), np.eye(1)), 0.0).mean[0] == pytest.approx(halfnorm.mean(), rel=1e-12)
+    assert between(Spread(np.zeros(1), np.eye(1)), 0.0, np.inf).mean[0] == pytest.approx(halfnorm.mean(), rel=1e-12)
 
 
 @pytest.mark.parametrize("width", [1e-5, 1.0, 1e3])

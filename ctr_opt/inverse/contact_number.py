@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from ..robot import places
-from .unknown_loads import Gaussian, PointForce, whole
+from .unknown_loads import PointForce, whole
 
 
 def _most(value: Any) -> int:
@@ -33,6 +33,8 @@ class Contacts:
         The tube that is pressed.
     prior
         Of every force, N, as for :class:`TipForce`.
+    bounds, between
+        Of every force and place, as for :class:`PointForce`.
 
     Examples
     --------
@@ -43,13 +45,16 @@ class Contacts:
     most: int = attrs.field(default=3, converter=_most)
     tube: int = attrs.field(default=0, converter=places.tube)
     prior: Any = None
+    bounds: Any = None
+    between: Any = None
 
     def __attrs_post_init__(self) -> None:
-        _ = Gaussian.of(self.prior, "prior", 3)
+        _ = self.forces(1)
 
     def forces(self, count: int) -> tuple[PointForce, ...]:
         """So many contacts."""
-        return (PointForce(tube=self.tube, prior=self.prior),) * count
+        each = PointForce(tube=self.tube, prior=self.prior, bounds=self.bounds, between=self.between)
+        return (each,) * count
 
 
 @attrs.frozen

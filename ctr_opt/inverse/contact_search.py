@@ -31,7 +31,7 @@ def contacts(case: Case, z: Array, places: Array) -> list[Array]:
     losses: dict[Chosen, float] = {(): 0.0}
     for part in case.contacts:
         kept = sorted(losses, key=lambda chosen: losses[chosen])[:_PLACES]
-        losses = scan.losses([(*chosen, k) for chosen in kept for k in scan.beyond(chosen, case.contact(part).tube)])
+        losses = scan.losses([(*chosen, k) for chosen in kept for k in scan.beyond(chosen, part)])
     least = [chosen for chosen in losses if all(losses[chosen] <= losses.get(other, np.inf) for other in _next(chosen))]
     return [scan.start(chosen) for chosen in sorted(least, key=lambda chosen: losses[chosen])[:_BEST]]
 
@@ -72,10 +72,16 @@ class _Scan:
         matrix[:k, :k] += case.search.sought.prior_information[np.ix_(others, others)]
         return cls(case, grid, tubes, k, matrix, gradient)
 
-    def beyond(self, chosen: Chosen, tube: int) -> list[int]:
-        """Places on a tube, behind those chosen there already: the order of contacts on one tube means nothing."""
+    def beyond(self, chosen: Chosen, part: slice) -> list[int]:
+        """Places where a contact can be, behind those chosen already: the order of contacts on one tube means nothing.
+
+        Of those beyond its bounds the ones next to them: a start is brought inside.
+        """
+        tube, sought, at = self.case.contact(part).tube, self.case.search.sought, part.stop - 1
         before = [k for k in chosen if self.tubes[k] == tube]
-        return [int(k) for k in np.flatnonzero(self.tubes == tube) if not before or k > before[-1]]
+        off = np.abs(self.grid - np.clip(self.grid, sought.lower[at], sought.upper[at]))
+        there = (self.tubes == tube) & (off <= 0.5 * self.case.ends[tube] / _PLACES)
+        return [int(k) for k in np.flatnonzero(there) if not before or k > before[-1]]
 
     def losses(self, sets: Sequence[Chosen]) -> dict[Chosen, float]:
         """What is left of the loss, less what it is without the loads, with forces at the chosen places at their best.

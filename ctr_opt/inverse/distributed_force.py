@@ -12,7 +12,7 @@ from ..errors import DefinitionError
 from ..robot import places
 from ..robot.checks import Array, number
 from ..robot.loads import DistributedLoad, Load
-from .unknown_loads import Gaussian, Sought, vector, whole
+from .unknown_loads import Gaussian, Sought, limits, vector, whole
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -58,6 +58,8 @@ class DistributedForce:
         Mean and standard deviation of every coefficient, N/m, known before, as for :class:`TipForce`; the spline stays
         between its least and largest coefficient. Default: nothing is known but that it is smooth. Forces along the
         backbone hardly bend it: where they are left open a search may be long and end far out.
+    bounds
+        The least and the most of every coefficient, and so of the density, N/m, as for :class:`TipForce`.
 
     Notes
     -----
@@ -78,12 +80,13 @@ class DistributedForce:
     degree: int = attrs.field(default=3, converter=_degree)
     smoothness: float | None = attrs.field(default=None, converter=_smoothness)
     prior: Any = None
+    bounds: Any = None
 
     def __attrs_post_init__(self) -> None:
         places.check_interval(self.start, self.end)
         if self.coefficients <= self.degree:
             raise DefinitionError(f"coefficients = {self.coefficients} must be above the degree, {self.degree}")
-        _ = Gaussian.of(self.prior, "prior", 3)
+        _ = Gaussian.of(self.prior, "prior", 3), self.limits
 
     def placed(self, ends: Array) -> DistributedForce:
         """The same up to the tube's end, on a robot whose tubes end at ``ends``."""
@@ -161,6 +164,12 @@ class DistributedForce:
         if self.smoothness is not None:
             information += self.smoothness * self.roughness
         return Gaussian(np.tile(mean, count), information)
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The bounds of every coefficient."""
+        lower, upper = limits(self.bounds, "bounds", 3)
+        return np.tile(lower, self.coefficients), np.tile(upper, self.coefficients)
 
     @property
     def place(self) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from ..equilibrium import Equilibrium
 from ..errors import DefinitionError, EstimationError
@@ -29,6 +30,7 @@ from .loaded_model import LoadedModel, loaded_model
 from .losses import Loss
 from .measurements import Measurement, Somewhere, arc_length_of
 from .places import nearest, orders
+from .surface_errors import Spread, between, within_cone
 from .unknown_loads import PointForce, UnknownLoad
 
 _INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
@@ -301,22 +303,39 @@ class Case:
     def ways(self, state: State) -> Array:
         """Directions in which the numbers may move, an orthonormal basis in their scales, as columns ``(k, n)``.
 
-        A surface's edge holds others: a normal force that is zero, or one on the cone of friction.
+        Bounds hold others: a force at one of its own, a normal force that is zero, or one on the cone of friction.
         """
-        tangent = state.tangent
+        tangent, sought = state.tangent, self.search.sought
         if tangent is None:
-            moving = np.ones(len(state.x), dtype=bool)
-            for part in self.numbered.where("normal_force"):
-                moving[part] = state.x[part] > 0.0
+            moving = sought.at_places | ((state.x > sought.lower) & (state.x < sought.upper))
             tangent = np.eye(len(state.x))[:, moving]
         return np.linalg.qr(tangent / self.search.sought.scale[:, None])[0]
 
+    def possible(self, free: Spread, x: Array) -> Spread:
+        """Deviations from ``x``, in its scales, that bounds and cones of friction allow, one after the other."""
+        sought = self.search.sought
+        at, lower, upper = (each / sought.scale for each in (x, sought.lower, sought.upper))
+        for part, each in zip(self.numbered.parts, self.numbered.unknown, strict=True):
+            if isinstance(each, PointForce) and each.friction is not None:
+                own = Spread(free.mean[part], free.covariance[part, part])
+                free = free.given(part, within_cone(own, at[part], np.array(each.normal), each.friction))
+        for k in np.flatnonzero(self.confined):
+            part = slice(k, k + 1)
+            own = Spread(free.mean[part], free.covariance[part, part])
+            free = free.given(part, between(own, lower[k] - at[k], upper[k] - at[k]))
+        return free
+
     @property
-    def bounded(self) -> list[tuple[slice, PointForce]]:
-        """Contacts with a surface, and where the numbers of their forces stand."""
-        both = zip(self.numbered.parts, self.numbered.unknown, strict=True)
-        found = [(part, each) for part, each in both if isinstance(each, PointForce) and each.normal is not None]
-        return [(slice(part.start, part.start + each.directions.shape[1]), each) for part, each in found]
+    def confined(self) -> NDArray[np.bool_]:
+        """Which numbers, but for places, are bounded."""
+        sought = self.search.sought
+        return ~sought.at_places & (np.isfinite(sought.lower) | np.isfinite(sought.upper))
+
+    @property
+    def bounded(self) -> bool:
+        """Whether any is, or a force by a cone of friction."""
+        cones = any(isinstance(each, PointForce) and each.friction is not None for each in self.numbered.unknown)
+        return cones or bool(self.confined.any())
 
     def contact(self, part: slice) -> PointForce:
         """The contact whose numbers stand there."""
@@ -367,7 +386,10 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
     for part in numbered.where("force") + numbered.where("normal_force"):
         forces[part] = scale[part]
     mixing = np.asarray(block_diag(*(each.mixing for each in numbered.unknown)))
-    found = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, errors.spread)
+    at_places = np.zeros(size, dtype=bool)
+    for part in numbered.where("arc_length"):
+        at_places[part] = True
+    found = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, at_places, errors.spread)
     return found, forces
 
 
@@ -391,10 +413,14 @@ def extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array,
         for part in numbered.where(field):
             scale[part] = value
     for part, each in zip(numbered.parts, numbered.unknown, strict=True):
+        lower[part], upper[part] = each.limits
         if isinstance(each, PointForce) and each.arc_length is None:
-            lower[part.stop - 1], upper[part.stop - 1] = _INSIDE * length, ends[each.tube] - _INSIDE * length
-    for part in numbered.where("normal_force"):
-        lower[part] = 0.0
+            at, first, last = part.stop - 1, _INSIDE * length, ends[each.tube] - _INSIDE * length
+            if lower[at] >= last:
+                raise DefinitionError(
+                    f"between = {each.between!r} is not on tube {each.tube}, which ends at {last:g} m"
+                )
+            lower[at], upper[at] = max(lower[at], first), min(upper[at], last)
     return scale, lower, upper
 
 

@@ -205,22 +205,19 @@ class ForceEstimate:
     def covariance(self) -> Array:
         """Covariance of the numbers of :attr:`labels`, SI; huge where the measurements say nothing.
 
-        Of normal errors, with those of the calibration and the actuation, if they were given. Where a surface bounds a
-        contact's force, mean squared deviations from the estimate of what is possible and as likely as measured: a
-        force at an edge is not known better for it.
+        Of normal errors, with those of the calibration and the actuation, if they were given. Where bounds or a surface
+        confine a force, mean squared deviations from the estimate of what is possible and as likely as measured: at an
+        edge a force is not known better for it.
         """
         matrix, gradient = self._scaled
         values, vectors = np.linalg.eigh(matrix)
         found = np.asarray((vectors / np.maximum(values, BLIND**-2 * 1e-6)) @ vectors.T)
         scale = self.case.search.sought.scale
-        bounded = self.case.bounded
-        if bounded:
+        if self.case.bounded:
             known = values > BLIND**-2
             along = vectors[:, known]
             free = Spread(-along @ ((along.T @ gradient) / values[known]), found)
-            for part, contact in bounded:
-                free = contact.bounded(free, part, self.state.x / scale)
-            found = free.about_zero
+            found = self.case.possible(free, self.state.x).about_zero
         return found * np.outer(scale, scale)
 
     def position(self, s: Any) -> tuple[Array, Array]:

@@ -291,6 +291,8 @@ def _followed(unknown: Sequence[UnknownLoad | Contacts]) -> tuple[UnknownLoad, .
             raise DefinitionError(f"unknown[{k}] = {each!r} cannot be followed: it must be a force or a wrench")
         if isinstance(each, PointForce) and each.friction is not None:
             raise DefinitionError(f"unknown[{k}].friction = {each.friction:g} cannot be followed: it must be None")
+        if each.bounds is not None:
+            raise DefinitionError(f"unknown[{k}].bounds = {each.bounds!r} cannot be kept in a stream: give a prior")
         found.append(each)
     return tuple(found)
 

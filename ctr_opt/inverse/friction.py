@@ -93,6 +93,7 @@ class _Cone:
             prior_information=information,
             lower=lower,
             upper=sought.upper[kept],
+            at_places=sought.at_places[kept],
         )
         x = np.asarray(np.linalg.lstsq(turn, start.x)[0], dtype=np.float64)
         found = attrs.evolve(search, sought=reduced).solve(start.z, x, start.places)

@@ -40,6 +40,8 @@ _CALM, _MOST_DAMPING = 1e-12, 1e8  # damping where it begins to count, and where
 class Sought:
     """What is sought and how the model takes it: ``numbers = mixing @ x``, by their scale, prior and bounds.
 
+    ``at_places``: which of ``x`` are places of contacts.
+
     ``spread (others, q)``: factor of the covariance of the model's other numbers, which are known with errors only:
     they change by ``spread @ e``, where ``e`` is standard normal. Where more is known of ``x`` and ``e`` together,
     ``together`` has their mean and inverse covariance, in the place of the prior.
@@ -51,6 +53,7 @@ class Sought:
     prior_information: Array
     lower: Array
     upper: Array
+    at_places: NDArray[np.bool_]
     spread: Array
     together: tuple[Array, Array] | None = None
 
@@ -64,11 +67,6 @@ class Sought:
         errors = self.spread.shape[1]
         information = np.asarray(block_diag(self.prior_information, np.eye(errors)), dtype=np.float64)
         return np.append(self.prior_mean, np.zeros(errors)), information
-
-    @cached_property
-    def at_places(self) -> NDArray[np.bool_]:
-        """Which of ``x`` are places of contacts: they alone are bounded above."""
-        return np.isfinite(self.upper)
 
     @cached_property
     def turn(self) -> Array:

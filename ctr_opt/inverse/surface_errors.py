@@ -1,7 +1,7 @@
-"""Errors of a contact's force that a surface holds within a half line or a cone: moments of normal distributions there.
+"""Errors of forces that bounds or a surface hold within an interval or a cone: moments of normal distributions there.
 
 A force that ends on an edge of what is possible is no better known for it: it may be anywhere inside that measurements
-allow. Densities are those of the free estimate, to first order, where the surface allows them, and zero elsewhere.
+allow. Densities are those of the free estimate, to first order, where they are allowed, and zero elsewhere.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ class Spread:
         return Spread(mean, self.covariance + gain @ (known.covariance - own) @ gain.T)
 
 
-def pushing(free: Spread, at: float) -> Spread:
-    """Deviations of a normal force from what it is ``at``, which do not make it a pull."""
+def between(free: Spread, lowest: float, highest: float) -> Spread:
+    """Deviations of one number that are between two."""
     from scipy.stats import truncnorm
 
-    deviation = float(np.sqrt(free.covariance[0, 0]))
-    lowest = (-at - float(free.mean[0])) / deviation
-    where = {"loc": float(free.mean[0]), "scale": deviation}
-    mean, variance = (float(each(lowest, np.inf, **where)) for each in (truncnorm.mean, truncnorm.var))
+    deviation, middle = float(np.sqrt(free.covariance[0, 0])), float(free.mean[0])
+    lowest, highest = (lowest - middle) / deviation, (highest - middle) / deviation
+    where = {"loc": middle, "scale": deviation}
+    mean, variance = (float(each(lowest, highest, **where)) for each in (truncnorm.mean, truncnorm.var))
     return Spread(np.array([mean]), np.array([[max(variance, 0.0)]]))
 
 

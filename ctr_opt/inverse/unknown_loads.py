@@ -14,7 +14,6 @@ import numpy as np
 from ..errors import DefinitionError
 from ..robot.checks import Array, array, index, number
 from ..robot.loads import Load, PointWrench
-from .surface_errors import Spread, pushing, within_cone
 
 _TIP = 0  # the tube that the tip belongs to, as far as loads are concerned: forces there are the same for all
 
@@ -79,6 +78,20 @@ def _numbers(value: Any, field: str, size: int) -> Array:
     return np.full(size, number(value, field)) if np.ndim(value) == 0 else array(value, field, (size,))
 
 
+def limits(given: Any, field: str, size: int, least: float = -np.inf) -> tuple[Array, Array]:
+    """Bounds ``(size,)`` from a pair: numbers, one for each component, or None, open; ``least``: none is below."""
+    if given is None:
+        return np.full(size, least), np.full(size, np.inf)
+    if not isinstance(given, (tuple, list)) or len(given) != 2:
+        raise DefinitionError(f"{field} = {given!r} must be a pair: the least and the most, None where it is open")
+    lower = np.full(size, least) if given[0] is None else _numbers(given[0], f"{field}: the least", size)
+    upper = np.full(size, np.inf) if given[1] is None else _numbers(given[1], f"{field}: the most", size)
+    if not (lower < upper).all() or (lower < least).any():
+        above = f", and the least at least {least:g}" if np.isfinite(least) else ""
+        raise DefinitionError(f"{field} = {given!r}: the least must be below the most{above}")
+    return lower, upper
+
+
 @attrs.frozen
 class Sought:
     """Numbers of a load that are unknown: which of the unknown's loads, which field, how many, and names for them."""
@@ -114,6 +127,10 @@ class UnknownLoad(Protocol):
     @property
     def known_before(self) -> Gaussian | None:
         """What is known of them before anything was measured."""
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Their bounds, infinite where they are open."""
 
     def placed(self, ends: Array) -> UnknownLoad:
         """The same on a robot whose tubes end there."""
@@ -160,6 +177,8 @@ class TipForce(_AsItStands):
     prior
         Mean and standard deviation, N, known before the measurements: numbers, one for each axis, or a covariance
         ``(3, 3)`` in the place of the deviation. Default: nothing is known.
+    bounds
+        The least and the most, N: numbers, or one for each axis; None: open. They hold exactly.
 
     Examples
     --------
@@ -168,9 +187,10 @@ class TipForce(_AsItStands):
     """
 
     prior: Any = None
+    bounds: Any = None
 
     def __attrs_post_init__(self) -> None:
-        _ = self.known_before
+        _ = self.known_before, self.limits
 
     def loads(self) -> list[Load]:
         """A point force."""
@@ -187,6 +207,11 @@ class TipForce(_AsItStands):
         return Gaussian.of(self.prior, "prior", 3)
 
     @property
+    def limits(self) -> tuple[Array, Array]:
+        """The bounds."""
+        return limits(self.bounds, "bounds", 3)
+
+    @property
     def place(self) -> None:
         """The tip."""
         return
@@ -200,6 +225,8 @@ class TipWrench(_AsItStands):
     ----------
     prior
         Mean and standard deviation: numbers ``(6,)``, N and N m, or a covariance ``(6, 6)``.
+    bounds
+        The least and the most ``(6,)``, N and N m; None: open.
 
     Examples
     --------
@@ -208,9 +235,10 @@ class TipWrench(_AsItStands):
     """
 
     prior: Any = None
+    bounds: Any = None
 
     def __attrs_post_init__(self) -> None:
-        _ = self.known_before
+        _ = self.known_before, self.limits
 
     def loads(self) -> list[Load]:
         """A point wrench."""
@@ -225,6 +253,11 @@ class TipWrench(_AsItStands):
     def known_before(self) -> Gaussian | None:
         """The prior."""
         return Gaussian.of(self.prior, "prior", 6)
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The bounds."""
+        return limits(self.bounds, "bounds", 6)
 
     @property
     def place(self) -> None:
@@ -250,6 +283,12 @@ class PointForce(_AsItStands):
     friction
         Coulomb's coefficient ``mu``, with a normal and a known place: the force across the normal is at most ``mu``
         times that along it. None: none, the force is along the normal.
+    bounds
+        Of the force, as for :class:`TipForce`; of the push along a normal two numbers. Not with friction.
+    between
+        Where an unknown place can be: the least and the most, m.
+    place_prior
+        Mean and standard deviation of an unknown place, m, known before.
 
     Notes
     -----
@@ -271,22 +310,23 @@ class PointForce(_AsItStands):
     prior: Any = None
     normal: Any = attrs.field(default=None, converter=_normal)
     friction: float | None = attrs.field(default=None, converter=_friction)
+    bounds: Any = None
+    between: Any = None
+    place_prior: Any = None
 
     def __attrs_post_init__(self) -> None:
-        _ = self.known_before
+        _ = self.known_before, self.limits
+        for field in ("between", "place_prior"):
+            if getattr(self, field) is not None and self.arc_length is not None:
+                raise DefinitionError(f"{field} = {getattr(self, field)!r} is for an unknown place, not for arc_length")
+        if self.friction is not None and self.bounds is not None:
+            raise DefinitionError(f"bounds = {self.bounds!r} cannot be given with friction")
         if self.friction is not None and (self.normal is None or self.arc_length is None):
             raise DefinitionError(f"friction = {self.friction:g} needs a normal and the place, arc_length")
 
     def loads(self) -> list[Load]:
         """A point force, for now at the entry where nobody knows the place."""
         return [PointWrench(force=np.zeros(3), arc_length=self.arc_length or 0.0, tube=self.tube)]
-
-    def bounded(self, free: Spread, part: slice, at: Array) -> Spread:
-        """Deviations of numbers ``at`` theirs, in their scales, if the surface bounds the force, a ``part`` of them."""
-        own = Spread(free.mean[part], free.covariance[part, part])
-        if self.friction is None:
-            return free.given(part, pushing(own, float(at[part][0])))
-        return free.given(part, within_cone(own, at[part], np.array(self.normal), self.friction))
 
     @property
     def directions(self) -> Array:
@@ -323,14 +363,28 @@ class PointForce(_AsItStands):
 
     @property
     def known_before(self) -> Gaussian | None:
-        """The prior; of a place nothing is known but that it is on the tube."""
-        found = Gaussian.of(self.prior, "prior", 3)
-        if found is None:
+        """The priors; of a place without one nothing is known but that it is on the tube."""
+        found, place = Gaussian.of(self.prior, "prior", 3), Gaussian.of(self.place_prior, "place_prior", 1)
+        if found is None and place is None:
             return None
         rows = self.resultant
-        information = rows.T @ found.information @ rows
-        mean = np.linalg.pinv(information) @ rows.T @ found.information @ found.mean
-        return Gaussian(np.asarray(mean), np.asarray(information))
+        mean, information = np.zeros(rows.shape[1]), np.zeros((rows.shape[1],) * 2)
+        if found is not None:
+            information = np.asarray(rows.T @ found.information @ rows)
+            mean = np.linalg.pinv(information) @ rows.T @ found.information @ found.mean
+        if place is not None:
+            mean[-1], information[-1, -1] = place.mean[0], place.information[0, 0]
+        return Gaussian(np.asarray(mean), information)
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The bounds, and where the place can be."""
+        size = self.directions.shape[1]
+        lower, upper = limits(self.bounds, "bounds", size, least=0.0 if size == 1 else -np.inf)
+        if self.arc_length is not None:
+            return lower, upper
+        first, last = limits(self.between, "between", 1, least=0.0)
+        return np.append(lower, first), np.append(upper, last)
 
     @property
     def place(self) -> float | None:
