@@ -137,7 +137,7 @@ def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn"
     Examples
     --------
     >>> load_force_problem("problems/force_tip/problem.toml").problem.unknown
-    (TipForce(prior=None),)
+    (TipForce(prior=None, bounds=None),)
     """
     from .force_schemas import ForceSchema
     from .schemas import load_checked
