@@ -317,12 +317,11 @@ class Case:
         at, lower, upper = (each / sought.scale for each in (x, sought.lower, sought.upper))
         for part, each in zip(self.numbered.parts, self.numbered.unknown, strict=True):
             if isinstance(each, PointForce) and each.friction is not None:
-                own = Spread(free.mean[part], free.covariance[part, part])
-                free = free.given(part, within_cone(own, at[part], np.array(each.normal), each.friction))
+                cone = within_cone(free.of(part), at[part], np.array(each.normal), each.friction)
+                free = free.given(part, cone)
         for k in np.flatnonzero(self.confined):
             part = slice(k, k + 1)
-            own = Spread(free.mean[part], free.covariance[part, part])
-            free = free.given(part, between(own, lower[k] - at[k], upper[k] - at[k]))
+            free = free.given(part, between(free.of(part), lower[k] - at[k], upper[k] - at[k]))
         return free
 
     @property
@@ -378,8 +377,8 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
     scale, lower, upper = extent(robot, numbered, ends)
     information = []
     for k, (part, each) in enumerate(zip(numbered.parts, numbered.unknown, strict=True)):
-        if isinstance(each, DistributedForce):
-            _check_smoothness(each, scale[part], f"unknown[{k}].smoothness")
+        if isinstance(each, DistributedForce) and each.smoothness is not None:
+            _check_smoothness(each, each.smoothness, scale[part], f"unknown[{k}].smoothness")
         known = each.known_before
         information.append(np.zeros((part.stop - part.start,) * 2) if known is None else known.information)
         mean[part] = 0.0 if known is None else known.mean
@@ -393,12 +392,12 @@ def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tu
     return found, forces
 
 
-def _check_smoothness(force: DistributedForce, scale: Array, field: str) -> None:
+def _check_smoothness(force: DistributedForce, weight: float, scale: Array, field: str) -> None:
     """Refuse weights under which rounding errors of the roughness hide what was measured."""
     most = _STIFFEST / float(np.linalg.eigvalsh(force.roughness)[-1] * scale.max() ** 2)
-    if force.smoothness is not None and force.smoothness > most:
+    if weight > most:
         raise DefinitionError(
-            f"{field} = {force.smoothness:g} m^5/N^2 must be at most {most:.1e}: with less it is a straight line"
+            f"{field} = {weight:g} m^5/N^2 must be at most {most:.1e}: with less it is a straight line"
         )
 
 

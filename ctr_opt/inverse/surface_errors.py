@@ -33,12 +33,16 @@ class Spread:
         """Mean squared deviations from zero ``(n, n)``, in the place of those from the mean."""
         return self.covariance + np.outer(self.mean, self.mean)
 
+    def of(self, part: slice) -> Spread:
+        """That of a part of the numbers, whatever the rest."""
+        return Spread(self.mean[part], self.covariance[part, part])
+
     def given(self, part: slice, known: Spread) -> Spread:
         """With another distribution of a part of the numbers, and the rest following as it is correlated with them."""
-        own = self.covariance[part, part]
-        gain = np.linalg.solve(own, self.covariance[part]).T
-        mean = self.mean + gain @ (known.mean - self.mean[part])
-        return Spread(mean, self.covariance + gain @ (known.covariance - own) @ gain.T)
+        own = self.of(part)
+        gain = np.linalg.solve(own.covariance, self.covariance[part]).T
+        mean = self.mean + gain @ (known.mean - own.mean)
+        return Spread(mean, self.covariance + gain @ (known.covariance - own.covariance) @ gain.T)
 
 
 def between(free: Spread, lowest: float, highest: float) -> Spread:
