@@ -15,9 +15,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 import ctr_opt as ctr
-from ctr_opt.calibration_files import load_calibration
-from ctr_opt.inverse.losses import Loss
-from ctr_opt.predictions import Predictions, Probe
+from ctr_opt.estimation.losses import Loss
+from ctr_opt.files.calibration import load_calibration
+from ctr_opt.native.predictions import Predictions, Probe
 
 from .calibration_data import FILE, PLACES
 

@@ -7,10 +7,10 @@ import attrs
 import numpy as np
 
 import ctr_opt as ctr
-from ctr_opt.calibration_files import load_calibration
-from ctr_opt.experiment_tables import write_experiments
-from ctr_opt.inverse.parameters import Unknowns
-from ctr_opt.inverse.synthetic import synthetic_experiments, synthetic_tip_poses
+from ctr_opt.calibration.unknowns import Unknowns
+from ctr_opt.estimation.synthetic import synthetic_experiments, synthetic_tip_poses
+from ctr_opt.files.calibration import load_calibration
+from ctr_opt.files.experiments import write_experiments
 
 from .work import ROOT
 

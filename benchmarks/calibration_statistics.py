@@ -12,11 +12,11 @@ import numpy as np
 from scipy.stats import binom, chi2, norm
 
 import ctr_opt as ctr
-from ctr_opt.calibration_files import load_calibration
-from ctr_opt.inverse.fit import REJECTED
-from ctr_opt.inverse.fit_report import unit_of
-from ctr_opt.inverse.losses import LOSSES
-from ctr_opt.inverse.measurements import arc_length_of
+from ctr_opt.calibration.fit import REJECTED
+from ctr_opt.calibration.report import unit_of
+from ctr_opt.estimation.losses import LOSSES
+from ctr_opt.estimation.measurements import arc_length_of
+from ctr_opt.files.calibration import load_calibration
 
 from .calibration_data import FILE, PLACES
 

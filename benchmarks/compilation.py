@@ -4,9 +4,9 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
-from ctr_opt.mechanics.loading import DEAD
-from ctr_opt.solvers.compiler import required
-from ctr_opt.transcription.generation import library_source
+from ctr_opt.mechanics.fields import DEAD
+from ctr_opt.native.compiler import required
+from ctr_opt.native.generate import library_source
 
 
 def line(tubes):

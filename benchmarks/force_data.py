@@ -18,8 +18,8 @@ PRESSED = 15.0, 0.11, 0.035, (0.8, 0.6, 0.0)  # N/m, m, m, direction of the dist
 
 def contents(file):
     """What a problem's file says."""
-    from ctr_opt.force_schemas import ForceSchema
-    from ctr_opt.schemas import load_checked
+    from ctr_opt.files.force_schemas import ForceSchema
+    from ctr_opt.files.schemas import load_checked
 
     return load_checked(ForceSchema, tomllib.loads(file.read_text("utf-8")))
 
@@ -38,7 +38,7 @@ def load_of(data, length):
 
 def to_m(value):
     """An arc length of a file, m."""
-    from ctr_opt.units import to_si
+    from ctr_opt.files.units import to_si
 
     return to_si(value, "m")
 

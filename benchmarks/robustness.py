@@ -10,18 +10,13 @@ import multiprocessing
 import sys
 import time
 from functools import partial
-from pathlib import Path
 
 import attrs
 import casadi as ca
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-
-import fuzzing
-import samples
-
 import ctr_opt as ctr
+from tests.support import fuzzing, samples
 
 from .memory import resident
 

@@ -4,26 +4,22 @@
 ``python -m benchmarks``.
 """
 
-import sys
 from itertools import pairwise
 from time import perf_counter
 
 import numpy as np
 
 import ctr_opt as ctr
-from ctr_opt.mechanics.sections import Configuration
+from ctr_opt.layout.configuration import Configuration
 from ctr_opt.solvers.ipopt import Ipopt, IpoptSolver
 from ctr_opt.solvers.newton import newton
 from ctr_opt.transcription.energy import EnergyProblem
 from ctr_opt.transcription.equilibrium_program import EquilibriumProblem
 from ctr_opt.transcription.shooting import Shooting
+from tests.support import samples
 
 from .timing import Effort, fastest
 from .work import ROOT
-
-sys.path.insert(0, str(ROOT / "tests"))
-
-import samples
 
 STARTS, SEED = 100, 2026
 PARTS = (1, 2, 4, 8)  # steps in each section

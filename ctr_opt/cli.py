@@ -64,11 +64,12 @@ def solve(
     verify: bool,
 ) -> None:
     """Solve a problem file and print a report, or every case of a plan and print a line each."""
-    from .files import load_problem, save_shape
-    from .plans import is_plan
-    from .plotting import FIGURES, figure_equilibrium, save_figure
-    from .shape_files import WRITERS
-    from .writing import check_output
+    from .files.figures import FIGURES, save_figure
+    from .files.plans import is_plan
+    from .files.problem import load_problem, save_shape
+    from .files.shapes import WRITERS
+    from .files.text import check_output
+    from .forward.plot import figure_equilibrium
 
     for path, suffixes in ((output, tuple(WRITERS)), (figure, FIGURES)):
         if path is not None:
@@ -107,7 +108,7 @@ def solve(
 
 def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
     """Solve every case, with a line each, and sum up."""
-    from .plans import load_plan
+    from .files.plans import load_plan
 
     plan = load_plan(path)
     count = len(plan.problems)
@@ -149,8 +150,8 @@ def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
 )
 def calibrate(calibration: Path, report: Path | None, method: str) -> None:
     """Estimate a robot's parameters from a table of measured shapes, and print how well they are known."""
-    from .calibration_files import load_calibration
-    from .calibration_report import LOSS_NAMES, hold_out_table, write_report
+    from .files.calibration import load_calibration
+    from .files.calibration_page import LOSS_NAMES, hold_out_table, write_report
 
     given = load_calibration(calibration)
     told = f", {len(given.held)} others held out" if given.held else ""
@@ -173,9 +174,9 @@ def calibrate(calibration: Path, report: Path | None, method: str) -> None:
 @click.option("--figure", type=_FILE, help="Draw shape, measurements and confidence: .png, .pdf or .svg.")
 def estimate(problem: Path, figure: Path | None) -> None:
     """Estimate the loads on a robot from its measured shape, and print how well they are known."""
-    from .force_files import load_force_problem
-    from .plotting import FIGURES, save_figure
-    from .writing import check_output
+    from .files.figures import FIGURES, save_figure
+    from .files.force import load_force_problem
+    from .files.text import check_output
 
     if figure is not None:
         check_output(figure, FIGURES)
@@ -216,8 +217,8 @@ class _Progress:
 @click.argument("folder", type=_FILE, default=Path("problems"))
 def list_problems(folder: Path) -> None:
     """List the problems and plans below FOLDER (default: ./problems), with their source and expected answer."""
-    from .files import find_problems, load_problem
-    from .plans import find_plans, is_plan, load_plan
+    from .files.plans import find_plans, is_plan, load_plan
+    from .files.problem import find_problems, load_problem
 
     paths = sorted([*find_problems(folder), *find_plans(folder)])
     if not paths:
@@ -239,8 +240,8 @@ def list_problems(folder: Path) -> None:
 @click.option("--strict", is_flag=True, help="Refuse tubes that do not nest, instead of warning of them.")
 def check(file: Path, strict: bool) -> None:
     """Check a robot file (or a problem or plan) and print what it says."""
-    from .files import check_file
-    from .plans import check_plan, is_plan
+    from .files.plans import check_plan, is_plan
+    from .files.problem import check_file
 
     check_one = check_plan if is_plan(file) else check_file
     click.echo(check_one(file, on_overlap="error" if strict else "warn"))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import ctr_opt as ctr
-from ctr_opt.plotting import save_figure
+from ctr_opt.files.figures import save_figure
 
 SIGMA = 0.1e-3  # m
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import ctr_opt as ctr
-from ctr_opt.plotting import save_figure
+from ctr_opt.files.figures import save_figure
 
 ROBOT = Path(__file__).resolve().parent.parent / "problems" / "three_tubes" / "robot_b.toml"
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import ctr_opt as ctr
-from ctr_opt.plotting import figure_equilibrium, save_figure
+from ctr_opt.files.figures import save_figure
+from ctr_opt.forward.plot import figure_equilibrium
 
 RJW = Path(__file__).resolve().parent.parent / "problems" / "rjw_s1"
 

@@ -12,7 +12,7 @@ import attrs
 import numpy as np
 
 import ctr_opt as ctr
-from ctr_opt.plotting import save_figure
+from ctr_opt.files.figures import save_figure
 from ctr_opt.sensing import identify_precurvature
 
 RJW = Path(__file__).resolve().parent.parent / "problems" / "rjw_s1"

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from physics import data
 
 import ctr_opt as ctr
 from benchmarks import reference
 from benchmarks.__main__ import MODES, REFERENCES, main
 from benchmarks.work import nested, plain, three_tubes
+from tests.support.physics import data
 
 RATES = [reference.printed, reference.expanded]
 CASES = {case["id"]: case for case in data("cases.json")["cases"]}

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import ctr_opt as ctr
-from ctr_opt.calibration_files import load_calibration
-from ctr_opt.force_files import load_force_problem
+from ctr_opt.files.calibration import load_calibration
+from ctr_opt.files.force import load_force_problem
 
 
 def blocks(path, language):

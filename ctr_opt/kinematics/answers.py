@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ..checks import Array
 from ..errors import SolveError
-from ..robot.checks import Array
 from .result import InverseKinematicsResult, InverseKinematicsStatus
 from .search import Ending, Point, Search
 

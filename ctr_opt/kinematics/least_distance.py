@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.checks import Array
+from ..checks import Array
 
 _CONTRADICTION = 1e-10  # what is left where inequalities contradict each other: points farther than 1e10 are none
 _ROUNDING = 1e-16  # of steps of a size below one

@@ -9,10 +9,10 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import ARRAY_EQ, Array, array, number
 from ..errors import DefinitionError
+from ..loads.wrenches import Load
 from ..robot.actuation import Actuation
-from ..robot.checks import ARRAY_EQ, Array, array, number
-from ..robot.loads import Load
 from ..robot.robot import Robot
 from .least_distance import least_distance
 

@@ -7,9 +7,9 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..equilibrium import Equilibrium
+from ..checks import Array, array, rigid
 from ..errors import DefinitionError
-from ..robot.checks import Array, array, rigid
+from ..forward.equilibrium import Equilibrium
 from .limits import joints_of
 from .result import InverseKinematicsPath, InverseKinematicsStatus
 from .search import Ending, Point, Search

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..batch import rows_of_loads
-from ..equilibrium import Equilibrium
+from ..checks import Array, array, choice, flag, number
 from ..errors import CompilationError, DefinitionError, SolveError
-from ..forward import ForwardProblem, as_loads
+from ..forward.batch import rows_of_loads
+from ..forward.equilibrium import Equilibrium
+from ..forward.problem import ForwardProblem, as_loads
+from ..loads.wrenches import LOADS, Load
 from ..robot.actuation import Actuation
-from ..robot.checks import Array, array, choice, flag, number
-from ..robot.loads import LOADS, Load
 from ..robot.robot import Robot
 from .answers import CRITERIA, answered, best
 from .limits import Allowed, JointLimits, joints_of

@@ -8,9 +8,9 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..equilibrium import Equilibrium
+from ..checks import Array
+from ..forward.equilibrium import Equilibrium
 from ..robot.actuation import Actuation
-from ..robot.checks import Array
 
 
 class InverseKinematicsStatus(Enum):

@@ -13,11 +13,11 @@ from functools import cached_property
 import attrs
 import numpy as np
 
-from ..equilibrium import Equilibrium
-from ..forward import ForwardProblem
+from ..checks import Array
+from ..forward.equilibrium import Equilibrium
+from ..forward.problem import ForwardProblem
+from ..loads.wrenches import Load
 from ..robot.actuation import Actuation
-from ..robot.checks import Array
-from ..robot.loads import Load
 from .least_distance import bounded_step, least_distance
 from .limits import Allowed, joints_of
 from .targets import Target, errors_of

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..equilibrium import Equilibrium
-from ..forward import ForwardProblem
+from ..checks import Array
+from ..forward.equilibrium import Equilibrium
+from ..forward.problem import ForwardProblem
 from ..robot.actuation import Actuation
-from ..robot.checks import Array
 from .limits import Allowed
 from .search import Point, Search
 from .table import Table

@@ -6,9 +6,9 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..equilibrium import Equilibrium
-from ..forward import ForwardProblem
-from ..robot.checks import Array
+from ..checks import Array
+from ..forward.equilibrium import Equilibrium
+from ..forward.problem import ForwardProblem
 from .limits import Allowed
 from .targets import LENGTH, Target
 

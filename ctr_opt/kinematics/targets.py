@@ -8,9 +8,9 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..equilibrium import Equilibrium
+from ..checks import Array, array, rigid
 from ..errors import DefinitionError
-from ..robot.checks import Array, array, rigid
+from ..forward.equilibrium import Equilibrium
 
 LENGTH = 0.02
 """m: a distance that counts as much as an angle of one radian, of joints unless said otherwise, and of the tip."""

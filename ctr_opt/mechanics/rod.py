@@ -11,7 +11,7 @@ from typing import Generic
 import attrs
 import casadi as ca
 
-from . import constitutive
+from . import law as constitutive
 from .so3 import quaternion_rate, rotation_matrix, turn, turn_back
 from .state import State
 from .symbols import SymT

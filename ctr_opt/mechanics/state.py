@@ -8,7 +8,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from ..robot.checks import Array
+from ..checks import Array
 from .symbols import SymT
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import attrs
 
+from ..checks import ARRAY_EQ, Array, array
 from ..errors import DefinitionError
-from .checks import ARRAY_EQ, Array, array
 
 
 def _angles(value: Any) -> Array:

@@ -8,8 +8,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import Array, array, choice, index
 from ..errors import DefinitionError
-from .checks import Array, array, choice, index
 from .precurvature import SampledCurvature
 
 _FIT_SAMPLES = 201  # of a curve given as a function; the third derivative of a seventh-degree spline is good to 1e-9

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import Array
+from ..checks import Array
 
 
 @attrs.frozen(eq=False)

@@ -12,8 +12,8 @@ from typing import Any, TypeAlias
 import attrs
 import numpy as np
 
+from ..checks import ARRAY_EQ, Array, array, number
 from ..errors import DefinitionError
-from .checks import ARRAY_EQ, Array, array, number
 from .piecewise import PiecewisePolynomial
 
 

@@ -9,8 +9,8 @@ from typing import Any, cast
 import attrs
 import numpy as np
 
-from .checks import Array
-from .loads import Load, LoadTable
+from ..checks import Array
+from ..loads.wrenches import Load, LoadTable
 from .precurvature import PrecurvaturePiece, SampledCurvature
 from .robot import Robot
 from .tube import Tube

@@ -9,8 +9,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import ARRAY_EQ, Array, choice, rigid
 from ..errors import DefinitionError, NestingWarning
-from .checks import ARRAY_EQ, Array, choice, rigid
 from .tube import Tube
 
 ON_OVERLAP = ("warn", "error", "ignore")

@@ -7,8 +7,8 @@ from typing import Any
 
 import attrs
 
+from ..checks import number
 from ..errors import DefinitionError
-from .checks import number
 from .piecewise import PiecewisePolynomial
 from .precurvature import PrecurvaturePiece, as_pieces
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.checks import Array
+from ..checks import Array
 
 
 def bishop_curvature(t: Array, points: Array, first: Array, second: Array, normal: Array) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DefinitionError
-from ..reading import at, read_toml
+from ..files.text import at, read_toml
 from .cameras import Camera
 
 _KEYS = ("intrinsics", "distortion", "pose", "rotation", "translation", "resolution")

@@ -7,8 +7,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import ARRAY_EQ, Array, array, rigid
 from ..errors import DefinitionError
-from ..robot.checks import ARRAY_EQ, Array, array, rigid
 from .noise import points_of
 from .opencv import opencv
 

@@ -7,8 +7,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import Array, array, flag, number
 from ..errors import DefinitionError
-from ..robot.checks import Array, array, flag, number
 from .noise import deviations_of, symmetric
 
 _DEGENERATE = 1e-9  # ratio of singular values

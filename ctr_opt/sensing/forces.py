@@ -7,9 +7,9 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import Array, number
 from ..errors import DefinitionError
-from ..robot.checks import Array, number
-from ..robot.loads import PointWrench
+from ..loads.wrenches import PointWrench
 from .noise import covariances_of, points_of, symmetric
 
 _STEPS = 50

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..checks import Array, array, number
 from ..errors import DefinitionError
-from ..robot.checks import Array, array, number
 
 
 def points_of(value: Any, field: str, *, least: int) -> Array:

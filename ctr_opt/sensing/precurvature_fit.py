@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
+from ..checks import Array, array, choice, index, number
 from ..errors import DefinitionError
-from ..robot.checks import Array, array, choice, index, number
 from ..robot.precurvature import PrecurvaturePiece, SampledCurvature, Straight
 from .noise import covariances_of, points_of
 from .propagation import Curves, Noise, tangents

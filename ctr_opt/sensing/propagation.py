@@ -5,7 +5,7 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from ..robot.checks import Array
+from ..checks import Array
 from .bishop import bishop_curvature
 from .smoothing import Smoother
 

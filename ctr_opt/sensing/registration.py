@@ -7,8 +7,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import Array, array
 from ..errors import DefinitionError
-from ..robot.checks import Array, array
 from .noise import covariances_of, deviations_of, millimetres, points_of, symmetric
 
 _STEPS = 50

@@ -7,8 +7,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import Array
 from ..errors import DefinitionError
-from ..robot.checks import Array
 
 DEGREE = 5  # of splines: their curvature is smooth
 _ROUGH = 4  # the derivative that is penalized: the third would hold the slope of the curvature down at the ends

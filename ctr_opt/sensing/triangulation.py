@@ -9,8 +9,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import Array, array, number
 from ..errors import DefinitionError
-from ..robot.checks import Array, array, number
 from .cameras import Camera
 from .noise import symmetric
 

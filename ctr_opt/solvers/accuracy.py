@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robot.checks import Array
+from ..checks import Array
 from ..transcription.closure import close
 from ..transcription.linear import newton_correction
 from ..transcription.shooting import Nodes, Shooting

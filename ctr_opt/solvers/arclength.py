@@ -7,7 +7,7 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from ..robot.checks import Array
+from ..checks import Array
 from .homotopy import CORRECTOR, Homotopy, Trace, regular_between
 from .newton import Solution, System, newton
 

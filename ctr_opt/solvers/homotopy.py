@@ -7,7 +7,7 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from ..robot.checks import Array, number
+from ..checks import Array, number
 from .newton import Newton, Solution, System, newton
 
 

@@ -12,7 +12,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from ..robot.checks import Array, choice, number
+from ..checks import Array, choice, number
 from ..transcription.nlp import Nlp
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robot.checks import Array
+from ..checks import Array
 from .inertia import Inertia, reduced_inertia
 from .ipopt import IpoptPoint, IpoptSolver
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import attrs
 import numpy as np
 
-from ..robot.checks import Array, number
+from ..checks import Array, number
 from ..transcription.linear import NEGLIGIBLE, newton_correction
 
 

@@ -9,7 +9,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from ..robot.checks import Array
+from ..checks import Array
 from .ipopt import LOCK, IpoptPoint, quiet
 
 if TYPE_CHECKING:

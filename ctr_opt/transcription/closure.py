@@ -10,9 +10,9 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
+from ..checks import Array
 from ..mechanics import boundary
 from ..mechanics.state import State
-from ..robot.checks import Array
 from .linear import newton_correction
 from .shooting import Nodes, Shooting
 

@@ -15,13 +15,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import Array
+from ..layout.columns import EntryColumn, StepColumns
+from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.loading import LoadKind
-from ..mechanics.sections import Configuration
+from ..mechanics.fields import LoadKind
 from ..mechanics.so3 import quaternion_rate
 from ..mechanics.state import State, state_names
-from ..robot.checks import Array
-from .columns import EntryColumn, StepColumns
 from .guess import Guess
 from .integrators import runge_kutta
 from .nlp import Nlp, NlpBuilder, padded

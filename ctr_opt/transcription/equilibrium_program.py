@@ -10,12 +10,12 @@ from typing import Any
 
 import casadi as ca
 
+from ..checks import Array
+from ..layout.columns import StepColumns
+from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.loading import LoadKind
-from ..mechanics.sections import Configuration
+from ..mechanics.fields import LoadKind
 from ..mechanics.state import State, state_names
-from ..robot.checks import Array
-from .columns import StepColumns
 from .guess import Guess
 from .nlp import Nlp, NlpBuilder, padded
 from .problem import TranscribedProblem

@@ -5,9 +5,9 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from ..mechanics.sections import Configuration
+from ..checks import Array
+from ..layout.configuration import Configuration
 from ..mechanics.state import State, stacked, state_scales
-from ..robot.checks import Array
 from .shape import Shape
 
 

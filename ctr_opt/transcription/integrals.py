@@ -11,11 +11,11 @@ from typing import Any
 
 import casadi as ca
 
+from ..layout.columns import StepColumns
 from ..mechanics import rod
-from ..mechanics.loading import LoadKind
+from ..mechanics.fields import LoadKind
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
-from .columns import StepColumns
 from .integrators import RungeKutta, runge_kutta
 from .sharing import shared_by_kind
 

@@ -8,8 +8,8 @@ from functools import cache
 import attrs
 import numpy as np
 
+from ..checks import Array
 from ..mechanics.symbols import SymT
-from ..robot.checks import Array
 
 
 @attrs.frozen(eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.checks import Array
+from ..checks import Array
 
 NEGLIGIBLE = 1e-8
 """Singular values below are directions in which nothing is determined; a straight, unloaded robot's are about 1."""

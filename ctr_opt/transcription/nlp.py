@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robot.checks import Array
+from ..checks import Array
 
 
 @attrs.frozen(eq=False)

@@ -11,14 +11,14 @@ import attrs
 import casadi as ca
 import numpy as np
 
+from ..checks import Array
 from ..errors import DefinitionError
-from ..mechanics.ordering import ENTRY, Key, Order, given_order, sorted_order
-from ..mechanics.parametric import Parametric
-from ..mechanics.resolution import called
-from ..mechanics.sections import Configuration
-from ..robot.checks import Array
-from ..robot.parameters import Parameter
-from .parametric_columns import ParametricColumns, fractions_of
+from ..layout.configuration import Configuration
+from ..layout.ordering import ENTRY, Key, Order, given_order, sorted_order
+from ..layout.parametric import Parametric
+from ..layout.parametric_columns import ParametricColumns, fractions_of
+from ..layout.resolution import called
+from ..robot.names import Parameter
 from .shooting import ShootingFunctions, shooting_functions
 
 PROBE: Key = ("probe", 0)
@@ -178,7 +178,7 @@ class Swept:
 
     ``right (size, positions)`` are the states behind the positions, ``left`` those before them, from the second on;
     ``weights (positions, marks)`` are one where a mark, mostly a probe, stands; ``sides (2 sections, asked)`` are those
-    of :meth:`Order.sides <ctr_opt.mechanics.ordering.Order.sides>`.
+    of :meth:`Order.sides <ctr_opt.layout.ordering.Order.sides>`.
     """
 
     z: Any

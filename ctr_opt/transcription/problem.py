@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanics.sections import Configuration
-from ..robot.checks import Array
+from ..checks import Array
+from ..layout.configuration import Configuration
 from . import guess
 from .guess import Guess
 from .shape import Shape

@@ -9,8 +9,8 @@ import attrs
 import casadi as ca
 import numpy as np
 
+from ..checks import Array, choice
 from ..errors import DefinitionError
-from ..robot.checks import Array, choice
 
 SCHEMES = ("legendre", "radau")
 _HIGHEST = 9  # degree; CasADi's tables of collocation points end there

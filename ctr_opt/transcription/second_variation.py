@@ -16,7 +16,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..mechanics.loading import LoadKind
+from ..mechanics.fields import LoadKind
 from ..mechanics.so3 import turn_of, turning
 from ..mechanics.state import State
 from .sharing import shared_by_kind

@@ -9,12 +9,12 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import Array
 from ..errors import DefinitionError
-from ..mechanics.loading import Field
-from ..mechanics.sections import Configuration
+from ..layout.columns import StepColumns
+from ..layout.configuration import Configuration
+from ..mechanics.fields import Field
 from ..mechanics.state import State, state_scales
-from ..robot.checks import Array
-from .columns import StepColumns
 from .shooting import Nodes, ShootingFunctions, shooting_functions
 from .stability import SecondVariation, second_variation, smallest_eigenvalue
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable
 from functools import lru_cache
 from typing import TypeVar
 
-from ..mechanics.loading import LoadKind
+from ..mechanics.fields import LoadKind
 
 _T = TypeVar("_T")
 _OWN = 4  # kept of those built for expressions

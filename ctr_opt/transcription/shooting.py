@@ -16,12 +16,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import Array
+from ..layout.columns import EntryColumn, StepColumns
+from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.loading import DEAD, LoadKind
-from ..mechanics.sections import Configuration
+from ..mechanics.fields import DEAD, LoadKind
 from ..mechanics.state import State
-from ..robot.checks import Array
-from .columns import EntryColumn, StepColumns
 from .integrators import RungeKutta, runge_kutta
 from .nlp import padded
 from .sharing import shared_by_kind

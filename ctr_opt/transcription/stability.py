@@ -6,8 +6,8 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mechanics.sections import Configuration
-from ..robot.checks import Array
+from ..checks import Array
+from ..layout.configuration import Configuration
 from .nlp import padded
 from .second_variation import second_variation_functions
 from .shooting import Shooting, cut

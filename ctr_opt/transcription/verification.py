@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mechanics.sections import Configuration
+from ..checks import Array
+from ..layout.columns import StepColumns
+from ..layout.configuration import Configuration
 from ..mechanics.state import State
-from ..robot.checks import Array
 from .closure import close
-from .columns import StepColumns
 from .shape import Shape
 from .shooting import Shooting, shooting_functions
 

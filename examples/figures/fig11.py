@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import ctr_opt as ctr
-from ctr_opt.plotting import save_figure
+from ctr_opt.files.figures import save_figure
 
 RJW = Path(__file__).resolve().parents[2] / "problems" / "rjw_s1"
 MASS = 0.05696  # kg

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import ctr_opt as ctr
-from ctr_opt.inverse.fit_plots import plot_ellipse
-from ctr_opt.inverse.fit_report import point_errors
-from ctr_opt.plotting import save_figure
+from ctr_opt.calibration.plot import plot_ellipse
+from ctr_opt.calibration.report import point_errors
+from ctr_opt.files.figures import save_figure
 
 RJW = Path(__file__).resolve().parents[2] / "problems" / "rjw_s1"
 PAIR = ("tubes[1].bending_stiffness", "tubes[1].torsional_stiffness")

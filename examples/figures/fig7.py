@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import ctr_opt as ctr
-from ctr_opt.plotting import plot_equilibrium, save_figure
+from ctr_opt.files.figures import save_figure
+from ctr_opt.forward.plot import plot_equilibrium
 
 PLAN = Path(__file__).resolve().parents[2] / "problems" / "rjw_s1" / "plan.toml"
 COLORS = ("#440154", "#3B528B", "#21918C", "#5EC962", "#E69F00")

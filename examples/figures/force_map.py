@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 import ctr_opt as ctr
-from ctr_opt.plotting import save_figure
+from ctr_opt.files.figures import save_figure
 
 ROBOT = Path(__file__).resolve().parents[2] / "problems" / "rjw_s1" / "robot.toml"
 SIGMA, POINTS = 0.2e-3, 20

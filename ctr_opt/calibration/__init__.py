@@ -1,0 +1,1 @@
+"""Calibration: a robot's parameters from its measured shapes."""

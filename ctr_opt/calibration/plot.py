@@ -1,0 +1,112 @@
+"""Figures of fits: errors, residuals, correlations, confidence ellipses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .report import is_point, point_errors, unit_of
+from .uncertainty import symbol
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .fit import Fit
+
+_INSIDE = 0.95  # probability of the confidence ellipses
+_MOST_LABELS = 24
+
+
+def figure_fit(fit: Fit) -> Figure:
+    """Four panels."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(2, 2, figsize=(11.0, 8.5), constrained_layout=True)
+    plot_histogram(fit, axes[0, 0])
+    plot_residuals(fit, axes[0, 1])
+    plot_correlation(fit, axes[1, 0])
+    plot_ellipse(fit, axes[1, 1])
+    return figure
+
+
+def plot_histogram(fit: Fit, ax: Axes | None = None, *, where: str | None = None) -> Axes:
+    """Histogram of the distances of measured points, as the paper's Fig. 12; by default those at the tip."""
+    ax = _axes(ax)
+    errors = point_errors(fit)
+    if not errors:
+        ax.set_axis_off()
+        return ax
+    name = where if where is not None else "tip" if "tip" in errors else next(iter(errors))
+    sizes = 1e3 * errors[name]
+    ax.hist(sizes, bins="fd" if len(sizes) > 8 else len(sizes), color="tab:blue", edgecolor="white")
+    ax.axvline(float(sizes.mean()), color="black", linewidth=1.0, linestyle="--", label=f"mean {sizes.mean():.2f} mm")
+    ax.set_xlabel(f"error, {name} [mm]")
+    ax.set_ylabel("points")
+    ax.legend(frameon=False)
+    return ax
+
+
+def plot_residuals(fit: Fit, ax: Axes | None = None) -> Axes:
+    """Residuals of measured points against arc length, an axis each."""
+    ax = _axes(ax)
+    points = [each for each in fit.residuals if is_point(fit, each)]
+    s = 1e3 * np.array([each.arc_length for each in points])
+    for axis, name in enumerate("xyz"):
+        ax.plot(s, [1e3 * each.value[axis] for each in points], ".", markersize=4, alpha=0.6, label=name)
+    ax.axhline(0.0, color="black", linewidth=0.6)
+    ax.set_xlabel("arc length [mm]")
+    ax.set_ylabel("predicted - measured [mm]")
+    ax.legend(frameon=False, ncols=3)
+    return ax
+
+
+def plot_correlation(fit: Fit, ax: Axes | None = None) -> Axes:
+    """The correlation matrix."""
+    ax = _axes(ax)
+    labels = [symbol(label) for label in fit.labels]
+    image = ax.imshow(fit.correlation, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
+    if len(labels) <= _MOST_LABELS:
+        ax.set_xticks(range(len(labels)), labels, rotation=90, fontsize=7)
+        ax.set_yticks(range(len(labels)), labels, fontsize=7)
+    ax.figure.colorbar(image, ax=ax, label="correlation", shrink=0.8)
+    return ax
+
+
+def plot_ellipse(fit: Fit, ax: Axes | None = None, *, pair: tuple[str, str] | None = None) -> Axes:
+    """95 % confidence ellipse of two numbers; by default of the pair that is correlated most."""
+    from scipy.stats import chi2
+
+    ax = _axes(ax)
+    found = _pair(fit) if pair is None else tuple(fit.labels.index(label) for label in pair)
+    if found is None:
+        ax.set_axis_off()
+        return ax
+    i, j = found
+    (fi, ui), (fj, uj) = unit_of(fit.labels[i]), unit_of(fit.labels[j])
+    values = fit.estimates[[i, j]]
+    block = fit.covariance[np.ix_([i, j], [i, j])]
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    circle = np.linalg.cholesky(block) @ np.vstack((np.cos(angle), np.sin(angle))) * np.sqrt(chi2.ppf(_INSIDE, 2))
+    ax.plot(fi * (values[0] + circle[0]), fj * (values[1] + circle[1]), label="95 % confidence")
+    ax.plot(fi * values[0], fj * values[1], "+", color="black", label="estimate")
+    ax.locator_params(axis="x", nbins=5)
+    ax.set_xlabel(f"{symbol(fit.labels[i])} [{ui}]")
+    ax.set_ylabel(f"{symbol(fit.labels[j])} [{uj}]")
+    ax.legend(frameon=False)
+    return ax
+
+
+def _pair(fit: Fit) -> tuple[int, int] | None:
+    size = np.abs(np.nan_to_num(np.tril(fit.correlation, -1)))
+    if len(fit.labels) < 2 or size.max() == 0.0:
+        return None
+    i, j = np.unravel_index(int(size.argmax()), size.shape)
+    return int(j), int(i)
+
+
+def _axes(ax: Any) -> Any:
+    import matplotlib.pyplot as plt
+
+    return plt.subplots()[1] if ax is None else ax

@@ -1,0 +1,169 @@
+"""Calibration: a robot's parameters from its measured shapes (paper, section III)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from ..checks import choice, flag, number
+from ..errors import DefinitionError, EstimationError
+from ..estimation.experiment import Experiment
+from ..estimation.sensors import names_of
+from ..forward.equilibrium import Equilibrium
+from ..robot.robot import Robot
+from .estimation import Estimation, Progress
+from .fit import Fit
+from .reduced import Found, solve_reduced
+from .simultaneous import solve_simultaneous
+from .unknowns import Parameter
+
+METHODS: dict[str, Callable[..., Found]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
+
+
+class CalibrationProblem:
+    """Find the parameters of a robot that explain measured shapes best, and how well the data determine them.
+
+    Parameters
+    ----------
+    robot
+        With nominal parameters, where the estimation starts.
+    experiments
+        What was done and measured.
+    parameters
+        What to estimate: names, or :class:`~ctr_opt.Parameter` with prior, bounds, start or scale.
+        ``"base.translation"`` (m, world axes) and ``"base.rotation"`` (XYZ Euler angles, rad, applied on the right) are
+        relative to ``robot.base_pose``.
+    loss
+        ``"squared"``: weighted least squares, for normal errors; ``"distance"``: the sum of the points' distances, the
+        paper's objective (smoothed within a hundredth of a standard deviation); ``"huber"``, ``"cauchy"``: squared for
+        small misfits, less for outliers.
+    tolerance
+        Of the forward solves, as in :class:`~ctr_opt.ForwardProblem`.
+    compiled
+        Default: compiled code for what it knows, where there is a compiler (waiting some seconds the first time on a
+        machine); ``False``: CasADi's virtual machine; ``True``: an error where there is no compiler.
+
+    Raises
+    ------
+    DefinitionError
+        Names the parameter, experiment or measurement and what is allowed.
+
+    Examples
+    --------
+    The curvature and the stiffness of a rod from its free and loaded tip:
+
+    >>> import ctr_opt as ctr
+    >>> rod = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+    >>> held, push = ctr.Actuation([0.0], [0.0]), ctr.PointWrench([0.3, 0.0, 0.0])
+    >>> experiments = []
+    >>> for loads in ([], [push]):
+    ...     tip = ctr.ForwardProblem(ctr.Robot([rod])).solve(held, loads).tip_position
+    ...     experiments.append(ctr.Experiment(held, loads, [ctr.PositionMeasurement(None, tip, sigma=1e-4)]))
+    >>> nominal = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 9.0), youngs_modulus=50e9, poisson_ratio=0.3)])
+    >>> names = ["tubes[0].precurvature[0].curvature", "tubes[0].youngs_modulus"]
+    >>> fit = ctr.CalibrationProblem(nominal, experiments, names).solve()
+    >>> round(fit.values["tubes[0].youngs_modulus"] / 1e9, 4)
+    60.0
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        experiments: Sequence[Experiment],
+        parameters: Iterable[str | Parameter],
+        *,
+        loss: str = "squared",
+        tolerance: float = 1e-7,
+        compiled: bool | None = None,
+    ) -> None:
+        plain = parameters is None or isinstance(parameters, (str, Parameter))
+        self.parameters = parameters if plain else list(parameters)
+        accepted = number(tolerance, "tolerance", least=1e-11, most=1e-2)
+        wanted = compiled if compiled is None else flag(compiled, "compiled")
+        self._estimation = Estimation(robot, experiments, self.parameters, loss, accepted, wanted)
+        self._check_sensors()
+
+    def _check_sensors(self) -> None:
+        """Refuse poses of sensors that nothing was measured with."""
+        there = names_of([request for each in self.experiments for request in each.requests])
+        for entry in self._estimation.unknowns.entries:
+            name = entry.acts_on[0].split(".")[1] if entry.acts_on[0].startswith("sensors.") else None
+            if name is not None and name not in there:
+                known = ", ".join(map(repr, there)) or "none"
+                raise DefinitionError(f"{entry.name!r}: no measurement is of a sensor {name!r}; there are: {known}")
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with nominal parameters."""
+        return self._estimation.robot
+
+    @property
+    def experiments(self) -> list[Experiment]:
+        """The experiments."""
+        return self._estimation.experiments
+
+    def solve(self, *, method: str = "simultaneous", progress: Progress | None = None) -> Fit:
+        """Estimate the parameters.
+
+        Parameters
+        ----------
+        method
+            ``"simultaneous"``: base moments of all experiments and parameters together, by IPOPT; ``"reduced"``: the
+            equilibria are solved for at every step of SciPy's trust region. Both end at the same answer; where
+            the first does not converge, the second is tried.
+        progress
+            Called as ``progress(what, done, all)``.
+
+        Raises
+        ------
+        EstimationError
+            No answer was found: what was tried, how far it got and what to do.
+        """
+        estimation = self._estimation
+        way = METHODS[choice(method, "method", tuple(METHODS))]
+        equilibria = self._prepared(progress)
+        found = way(estimation, equilibria, progress)
+        if not found.converged and way is solve_simultaneous:  # as where the data say nothing of some direction
+            second = solve_reduced(estimation, equilibria, progress)
+            if second.converged:
+                found, method = second, "simultaneous (not converged), then reduced"
+        if not found.converged:
+            raise EstimationError(_failure(estimation, found, method))
+        return Fit(estimation, found, method)
+
+    def nominal(self) -> Fit:
+        """The initial parameters beside the measurements, as if they had been found: their residuals.
+
+        Raises
+        ------
+        EstimationError
+            They have no equilibrium in some experiment.
+        """
+        estimation, equilibria = self._estimation, self._prepared()
+        initial = estimation.unknowns.initial
+        return Fit(estimation, Found(initial, estimation.states(initial, equilibria), True, "nominal", 0), "nominal")
+
+    def _prepared(self, progress: Progress | None = None) -> list[Equilibrium]:
+        """The equilibria that the estimation starts from, its models built."""
+        initial = self._estimation.unknowns.initial
+        equilibria = self._estimation.equilibria_of(initial, "the initial parameters", progress)
+        self._estimation.prepare(equilibria)
+        return equilibria
+
+
+def _failure(estimation: Estimation, found: Found, method: str) -> str:
+    """What was tried, how far it got, what to do."""
+    lower, upper = estimation.unknowns.bounds
+    at_bound = [
+        label
+        for label, x, a, b in zip(estimation.unknowns.labels, found.x, lower, upper, strict=True)
+        if np.isclose(x, a, rtol=1e-6) or np.isclose(x, b, rtol=1e-6)
+    ]
+    hint = f"; at their bounds: {', '.join(at_bound)}" if at_bound else ""
+    values = ", ".join(f"{a} = {x:.6g}" for a, x in zip(estimation.unknowns.labels, found.x, strict=True))
+    return (
+        f"the {method} estimation ended after {found.iterations} iterations: {found.message}; "
+        f"it got to {values}{hint}. "
+        f"Try priors or a better start for the parameters, or fewer of them"
+    )

@@ -1,0 +1,139 @@
+"""Fits made again, from where a fit ended: to other experiments, or with a number held."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..checks import Array
+from ..errors import DefinitionError, EstimationError, EstimationWarning
+from ..estimation.experiment import Experiment
+from .estimation import Estimation
+from .fit import Fit, Residual
+from .reduced import Found, solve_reduced
+
+_FEW = 0.05  # the share of a bootstrap's repetitions that may be left out
+
+
+def profile(fit: Fit, label: str, count: int, width: float) -> tuple[Array, Array]:
+    """Values of a number, and the loss with all others estimated anew, over the least."""
+    if label not in fit.labels:
+        raise DefinitionError(f"label = {label!r} must be one of {', '.join(fit.labels)}")
+    estimation, k = fit.estimation, fit.labels.index(label)
+    error = float(fit.deviations[k])
+    if not np.isfinite(error):
+        raise EstimationError(f"{label} is not determined, so that it has no profile")
+    lower, upper = (bound[k] for bound in estimation.unknowns.bounds)
+    middle = fit.found.x[k]
+    values = np.linspace(max(middle - width * error, lower), min(middle + width * error, upper), count)
+    costs = []
+    for value in values:
+        x = fit.found.x.copy()
+        x[k] = value
+        found = _answer(f"the profile at {label} = {value:g}", estimation, fit.equilibria, start=x, fixed=[k])
+        linearized = estimation.linearize(found.x, found.states)
+        costs.append(estimation.cost(linearized) + estimation.prior_cost(found.x) - fit.objective)
+    return values, np.array(costs)
+
+
+def without(fit: Fit, experiments: Sequence[int] | int) -> Fit:
+    """The fit to the other experiments."""
+    _check_shared(fit)
+    dropped = _numbered(fit, experiments)
+    kept = [k for k in range(len(fit.estimation.experiments)) if k not in dropped]
+    if not kept:
+        raise DefinitionError("experiments: at least one must be left")
+    return _refit(fit, kept, f"the fit without {_listed(dropped)}")
+
+
+def errors_without(fit: Fit, experiments: Sequence[int] | int) -> list[Residual]:
+    """The residuals of experiments that a fit to the others predicts."""
+    numbers = _numbered(fit, experiments)
+    other = without(fit, numbers)
+    held = [fit.estimation.experiments[k] for k in numbers]
+    shown = tested(other, held, f"the estimates without {_listed(numbers)}")
+    return [attrs.evolve(each, experiment=numbers[each.experiment]) for each in shown.residuals]
+
+
+def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
+    """The same estimates beside other experiments."""
+    _check_shared(fit)
+    others = fit.estimation.of(experiments)
+    states = others.states(fit.found.x, others.equilibria_of(fit.found.x, whose))
+    return Fit(others, attrs.evolve(fit.found, states=states), fit.method)
+
+
+def bootstrap(fit: Fit, repetitions: int, seed: int) -> Array:
+    """Estimates from experiments drawn again with replacement, a row for each repetition that has an answer."""
+    _check_shared(fit)
+    rng, count = np.random.default_rng(seed), len(fit.estimation.experiments)
+    estimates, failures = [], []
+    for repetition in range(repetitions):
+        try:
+            estimates.append(_redrawn(fit, rng.integers(count, size=count), f"repetition {repetition}"))
+        except EstimationError as error:
+            failures.append(str(error))
+    if failures:
+        told = f"bootstrap: {len(failures)} of {repetitions} repetitions have no answer; the first: {failures[0]}"
+        if len(failures) > _FEW * repetitions:
+            raise EstimationError(
+                f"{told}. Without so many the others are no fair sample: add experiments or priors, or estimate fewer "
+                "parameters"
+            )
+        warnings.warn(f"{told}. They are left out", EstimationWarning, stacklevel=3)
+    return np.array(estimates)
+
+
+def _redrawn(fit: Fit, chosen: Any, whose: str) -> Array:
+    """Estimates from a choice of experiments, which must determine what all of them do."""
+    found = _refit(fit, chosen, whose).estimates
+    open_before = np.isnan(fit.estimates)
+    lost = [label for label, those in zip(fit.labels, np.isnan(found) & ~open_before, strict=True) if those]
+    if lost:
+        raise EstimationError(f"{whose} does not determine {', '.join(lost)}")
+    return np.where(open_before, np.nan, found)
+
+
+def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
+    """A fit to a choice of experiments, from here."""
+    try:
+        drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen])
+    except DefinitionError as error:  # as where a density is left without gravity
+        raise EstimationError(f"{whose} is none: {error}") from error
+    return Fit(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.found.x), "reduced")
+
+
+def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any) -> Found:
+    """That of the reduced way, if it found one."""
+    found = solve_reduced(estimation, *arguments, **settings)
+    if not found.converged:
+        raise EstimationError(
+            f"{whose} found no answer after {found.iterations} iterations: {found.message}. Try priors or bounds, "
+            "fewer parameters, or more experiments"
+        )
+    return found
+
+
+def _check_shared(fit: Fit) -> None:
+    for entry in fit.estimation.unknowns.entries:
+        if entry.experiment is not None:
+            told = f"{entry.name} belongs to one experiment, so that none can be left out or drawn again"
+            raise EstimationError(told)
+
+
+def _numbered(fit: Fit, experiments: Sequence[int] | int) -> list[int]:
+    """The numbers of experiments that there are."""
+    count = len(fit.estimation.experiments)
+    given = [experiments] if np.ndim(experiments) == 0 else list(experiments)  # type: ignore[arg-type]
+    for k in given:
+        if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not 0 <= k < count:
+            raise DefinitionError(f"experiments: {k!r} must be the number of an experiment from 0 to {count - 1}")
+    return [int(k) for k in given]  # type: ignore[arg-type]
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return f"experiment{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"

@@ -1,0 +1,235 @@
+"""Reports of fits: text that reads like a page of a paper."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..checks import Array
+from ..estimation.losses import SMOOTHING
+from ..estimation.measurements import (
+    BackboneMeasurement,
+    Distal,
+    Measurement,
+    Place,
+    PoseMeasurement,
+    PositionMeasurement,
+    Somewhere,
+    TangentMeasurement,
+)
+from .fit import REJECTED
+from .uncertainty import symbol
+
+if TYPE_CHECKING:
+    from .fit import Fit, Residual
+
+_POINTS = PositionMeasurement, BackboneMeasurement, PoseMeasurement
+_FEW = 6  # arc lengths that are told one by one
+_CORRELATED = 0.9  # pairs of parameters from here on are named
+_UNITS = (  # how a number is told: the end of its parameter's name, factor, unit
+    ("stiffness", 1.0, "N m^2"),
+    ("modulus", 1e-9, "GPa"),
+    ("diameter", 1e3, "mm"),
+    ("length", 1e3, "mm"),
+    ("translation_offset", 1e3, "mm"),
+    ("translations", 1e3, "mm"),
+    (".translation", 1e3, "mm"),
+    (".rotation", 180.0 / np.pi, "deg"),
+    ("rotation_offset", 180.0 / np.pi, "deg"),
+    ("rotations", 180.0 / np.pi, "deg"),
+    ("force", 1.0, "N"),
+    ("force_density", 1.0, "N/m"),
+    (".density", 1.0, "kg/m^3"),
+    ("moment", 1e3, "N mm"),
+    ("curvature", 1.0, "1/m"),
+    ("coefficients", 1.0, "1/m"),
+)
+
+
+def unit_of(label: str) -> tuple[float, str]:
+    """By what a number is multiplied to be told in which unit."""
+    name = label.split("[")[0] if label.startswith(("rotations", "translations")) else label
+    stem = name.rsplit(".", 1)[0] if name.endswith((".x", ".y", ".z")) else name
+    stem = stem[: stem.rindex("[")] if stem.endswith("]") else stem
+    for end, factor, unit in _UNITS:
+        if stem.endswith(end):
+            return factor, unit
+    return 1.0, ""
+
+
+def fit_report(fit: Fit) -> str:
+    """Everything about a fit."""
+    return "\n".join(
+        [*_heading(fit), "", *parameter_table(fit), *_open(fit), *_correlated(fit), "", *residual_lines(fit)]
+    )
+
+
+def _heading(fit: Fit) -> list[str]:
+    estimation = fit.estimation
+    numbers = sum(each.numbers for each in estimation.experiments)
+    places = sum(layout.places for layout in estimation.layouts)
+    lines = [
+        f"Fit of {len(fit.labels)} numbers to {len(estimation.experiments)} experiments ({numbers} numbers measured)",
+        _row("method", f"{fit.method}, {fit.iterations} iterations"),
+        _row("loss", _loss(fit)),
+        _row("condition", f"{fit.condition:.2g} (information matrix, in the parameters' scales)"),
+    ]
+    if places:
+        lines.append(
+            _row("arc lengths", f"{places} of points somewhere on the backbone, estimated beside the parameters")
+        )
+    if estimation.scaled:
+        lines.append(
+            _row("chi-square", f"{fit.chi_squared:.1f} at {fit.degrees_of_freedom} degrees of freedom{_verdict(fit)}")
+        )
+    else:
+        lines.append(_row("noise level", f"{fit.noise:.3g} mm (mrad, 1/m, ...), from the residuals"))
+    return lines
+
+
+def _loss(fit: Fit) -> str:
+    name = fit.estimation.loss
+    told = {
+        "squared": "weighted least squares",
+        "distance": f"sum of distances, smoothed within {SMOOTHING:g} standard deviations",
+        "huber": "Huber's",
+        "cauchy": "Cauchy's",
+    }
+    return f"{told[name]}; {fit.objective:.6g} at the solution"
+
+
+def _verdict(fit: Fit) -> str:
+    if np.isnan(fit.p_value):
+        return ""
+    if fit.estimation.loss != "squared":
+        return f" (noise {fit.noise:.2f} times as given); errors from the sandwich"
+    if fit.noise_accepted:
+        return f" (p = {fit.p_value:.2g}): the given noise level is accepted and used"
+    return f" (p < {REJECTED:g}): rejected; errors are for {fit.noise:.2f} times the given noise level"
+
+
+def parameter_table(fit: Fit) -> list[str]:
+    """A line for each number: nominal, estimate, standard error."""
+    unknowns = fit.estimation.unknowns
+    lines = [f"  {'parameter':<36}{'start':>12}{'estimate':>14}{'+-':>12}   {'unit':<6}"]
+    factors = {entry.name for entry in unknowns.entries if entry.factors is not None}
+    for label, start, value, error in zip(fit.labels, unknowns.initial, fit.estimates, fit.deviations, strict=True):
+        factor, unit = (1.0, "") if label in factors else unit_of(label)
+        told = f"{factor * value:>14.6g}{factor * error:>12.2g}" if np.isfinite(error) else f"{'not determined':>26}"
+        lines.append(f"  {label:<36}{factor * start:>12.6g}{told}   {unit:<6}")
+    return lines
+
+
+def _open(fit: Fit) -> list[str]:
+    lines = []
+    if fit.vague:
+        lines += ["", f"  Known only vaguely, to no better than their size: {', '.join(map(symbol, fit.vague))}"]
+    if not fit.undetermined:
+        return lines
+    lines += ["", "  Not determined by these data:"]
+    lines += [f"    {direction}" for direction in fit.undetermined]
+    if fit.ratios:
+        lines += ["  What they do determine:"]
+        lines += [f"    {name} = {ratio:.4g} +- {error:.2g}" for name, (ratio, error) in fit.ratios.items()]
+    return lines
+
+
+def _correlated(fit: Fit) -> list[str]:
+    pairs = [
+        (fit.correlation[i, j], i, j)
+        for i in range(len(fit.labels))
+        for j in range(i)
+        if abs(fit.correlation[i, j]) >= _CORRELATED
+    ]
+    if not pairs:
+        return []
+    lines = ["", f"  Correlations of {_CORRELATED:g} and more:"]
+    for value, i, j in sorted(pairs, key=lambda pair: -abs(pair[0])):
+        lines.append(f"    {symbol(fit.labels[j])} and {symbol(fit.labels[i])}: {value:+.3f}")
+    return lines
+
+
+def residual_lines(fit: Fit) -> list[str]:
+    """Distances of the points by where they are, and experiments that do not fit."""
+    lines = []
+    for name, sizes in point_errors(fit).items():
+        mean, most = 1e3 * sizes.mean(), 1e3 * sizes.max()
+        lines.append(
+            _row(
+                name,
+                f"mean {mean:.3f}, median {1e3 * np.median(sizes):.3f}, largest {most:.3f} mm ({len(sizes)} points)",
+            )
+        )
+    for name, angles in angle_errors(fit).items():
+        mean, middle, most = np.rad2deg((angles.mean(), np.median(angles), angles.max()))
+        told = f"mean {mean:.3f}, median {middle:.3f}, largest {most:.3f} deg ({len(angles)} directions)"
+        lines.append(_row(name, told))
+    names = [fit.estimation.experiments[k].name or str(k) for k in fit.outliers]
+    if names:
+        lines += ["", "  Experiments that do not fit the others (look at them; none was left out):"]
+        for name, k in zip(names, fit.outliers, strict=True):
+            lines.append(f"    {name}: {worst_point(fit, k)}influence {fit.influence[k]:.2g}")
+    return lines
+
+
+def worst_point(fit: Fit, experiment: int) -> str:
+    """The largest distance of an experiment's points, and where; empty if it has none."""
+    own = [each for each in fit.residuals if each.experiment == experiment and is_point(fit, each)]
+    worst = max(own, key=lambda each: each.distance, default=None)
+    return f"{1e3 * worst.distance:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, " if worst else ""
+
+
+def measurement_of(fit: Fit, residual: Residual) -> Measurement:
+    """What a residual is of."""
+    return fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
+
+
+def place_of(fit: Fit, residual: Residual) -> tuple[Place | Somewhere] | None:
+    """Where a point was measured, alone in a tuple; None if the residual is not that of a point."""
+    measurement = measurement_of(fit, residual)
+    return (measurement.requests[residual.block].place,) if isinstance(measurement, _POINTS) else None
+
+
+def is_point(fit: Fit, residual: Residual) -> bool:
+    """Whether a residual is that of a measured point."""
+    return place_of(fit, residual) is not None
+
+
+def point_errors(fit: Fit) -> dict[str, Array]:
+    """Distances of measured points (m) by where they are: ends of tubes, the tip, sensors, arc lengths, somewhere."""
+    return {name: np.array([each.distance for each in found]) for name, found in points_by_place(fit).items()}
+
+
+def points_by_place(fit: Fit) -> dict[str, list[Residual]]:
+    """The residuals of points, by where they are."""
+    return _by_place(fit, _POINTS)
+
+
+def angle_errors(fit: Fit) -> dict[str, Array]:
+    """Angles between predicted and measured directions or frames (rad), by where they are."""
+    found = _by_place(fit, (TangentMeasurement, PoseMeasurement))
+    return {f"direction, {name}": np.array([each.angle for each in every]) for name, every in found.items()}
+
+
+def _by_place(fit: Fit, kinds: tuple[type, ...]) -> dict[str, list[Residual]]:
+    those = [each for each in fit.residuals if isinstance(measurement_of(fit, each), kinds)]
+    requests = [measurement_of(fit, each).requests[each.block] for each in those]
+    few = len({one.place for one in requests if isinstance(one.place, float)}) <= _FEW
+    found: dict[str, list[Residual]] = {}
+    for each, one in zip(those, requests, strict=True):
+        place = one.place
+        if place is None:
+            name = "tip"
+        elif isinstance(place, Distal):
+            name = f"end of tube {place.tube}"
+        elif isinstance(place, Somewhere):
+            name = "somewhere along it"
+        else:
+            name = f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
+        found.setdefault(name if one.sensor is None else f"{name} ({one.sensor})", []).append(each)
+    return found
+
+
+def _row(name: str, value: str) -> str:
+    return f"  {name:<22}{value}"

@@ -1,0 +1,423 @@
+"""What is to be estimated: parameters by name, with prior, bounds and scale, and the numbers that stand for them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..checks import Array, array, number
+from ..errors import DefinitionError
+from ..estimation.sensors import Mounting
+from ..loads.gravity import Gravity
+from ..loads.wrenches import Load
+from ..robot.actuation import Actuation
+from ..robot.names import Parameter as RobotParameter
+from ..robot.names import chosen, parameters
+from ..robot.replacing import loads_with, robot_with
+from ..robot.robot import Robot
+
+_OFFSET = re.compile(r"tubes\[(\d+)\]\.(rotation|translation)_offset")
+_SENSOR = re.compile(r"sensors\.(\w+)\.(translation|rotation)")
+_OWN = re.compile(r"experiments\[(\d+)\]\.(rotations|translations|loads\[\d+\]\.\w+)")
+_OFF_ROBOT = ("rotations[", "translations[", "sensors.")  # what acts on actuations, or on what sensors show
+_AXES = "xyz"
+_POSITIVE = ("stiffness", "modulus", "diameter", "length")
+_FACTOR = 100.0  # how far positive parameters may go from where they start, unless told otherwise
+
+
+def _pair(value: Any, field: str) -> tuple[Any, Any] | None:
+    if value is None:
+        return None
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
+        raise DefinitionError(f"{field} = {value!r} must be a pair")
+    return value[0], value[1]
+
+
+def _prior(value: Any) -> tuple[Any, Any] | None:
+    return _pair(value, "prior")
+
+
+def _bounds(value: Any) -> tuple[Any, Any] | None:
+    return _pair(value, "bounds")
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+@attrs.frozen
+class Parameter:
+    """An unknown of an estimation.
+
+    Parameters
+    ----------
+    name
+        Of one number or an array of them: any of :meth:`Equilibrium.sensitivity <ctr_opt.Equilibrium.sensitivity>`
+        that belongs to the robot (``"tubes[0].bending_stiffness"``, ``"tubes[0].precurvature[1].coefficients"``,
+        ``"base.translation"``); ``"tubes[0].rotation_offset"`` (rad) and ``"tubes[0].translation_offset"`` (m), added
+        to every experiment's actuation; ``"sensors.coil.translation"`` ``(3,)``, m, and ``"sensors.coil.rotation"``
+        ``(3,)``, rad, the pose of the sensor ``"coil"`` of measurements in the frame of the tube that carries it, its
+        angles about the axes x, y, z, each turned by those before it; or an experiment's own,
+        ``"experiments[3].loads[0].force"``, ``"experiments[3].rotations"``. With ``tied``, a name of your own for a
+        common factor.
+    prior
+        ``(mean, standard deviation)``, numbers or arrays of the parameter's shape: known before the data are seen.
+        Every measurement must then have its ``sigma``.
+    bounds
+        ``(least, most)``, likewise. Default: stiffnesses, moduli, diameters and lengths stay positive, within a factor
+        of 100; angles within half a turn; others are free. No translation puts a base in front of the entry point.
+    initial
+        Where to start; default: the robot's (or experiment's) own value, zero for offsets, one for factors.
+    scale
+        A size by which it may be expected to change; default from the value, or the robot's length.
+    tied
+        Names of parameters that are multiplied by this one, whose own value is then 1 at the robot's nominal values.
+
+    Examples
+    --------
+    >>> Parameter("tubes[0].bending_stiffness", prior=(0.02, 0.004)).name
+    'tubes[0].bending_stiffness'
+    """
+
+    name: str
+    prior: Any = attrs.field(default=None, converter=_prior)
+    bounds: Any = attrs.field(default=None, converter=_bounds)
+    initial: Any = None
+    scale: Any = None
+    tied: tuple[str, ...] = attrs.field(default=(), converter=_names)
+
+
+@attrs.frozen(eq=False)
+class Unknown:
+    """A parameter among the numbers of an estimation: where it starts, its bounds, scale and prior, flat arrays."""
+
+    name: str
+    shape: tuple[int, ...]
+    initial: Array
+    scale: Array
+    lower: Array
+    upper: Array
+    prior_mean: Array
+    prior_sigma: Array
+    labels: tuple[str, ...]
+    acts_on: tuple[str, ...]
+    """Names of robot parameters, or of ``rotations[i]``, ``translations[i]``; with an experiment's own, of that."""
+    experiment: int | None = None
+    factors: tuple[Array, ...] | None = None
+    """With tied parameters, their nominal values."""
+
+    @property
+    def size(self) -> int:
+        """How many numbers it is."""
+        return len(self.initial)
+
+    @property
+    def of_robot(self) -> bool:
+        """Whether it belongs to the robot, not to an experiment, its actuation or a sensor."""
+        return self.experiment is None and not self.acts_on[0].startswith(_OFF_ROBOT)
+
+
+class Unknowns:
+    """All unknowns of an estimation, flat, and what robot, actuation and loads they stand for."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        experiments: Sequence[tuple[Actuation, tuple[Load, ...]]],
+        wanted: Iterable[str | Parameter],
+    ) -> None:
+        self.robot = robot
+        self.experiments = list(experiments)
+        given = [each if isinstance(each, Parameter) else Parameter(each) for each in _listed(wanted)]
+        if not given:
+            raise DefinitionError("parameters = [] must name at least one parameter")
+        names = [each.name for each in given]
+        for k, name in enumerate(names):
+            if name in names[:k]:
+                raise DefinitionError(f"parameters has {name!r} twice")
+        self.given = given
+        self.entries = [self._entry(each) for each in given]
+        self._check_doubled()
+        ends = np.cumsum([0, *(entry.size for entry in self.entries)])
+        self.parts = {
+            entry.name: slice(int(a), int(b)) for entry, a, b in zip(self.entries, ends[:-1], ends[1:], strict=True)
+        }
+        self.size = int(ends[-1])
+
+    # -- flat arrays -----------------------------------------------------------------------------------------------
+
+    def _flat(self, field: str) -> Array:
+        return np.concatenate([getattr(entry, field) for entry in self.entries])
+
+    @cached_property
+    def initial(self) -> Array:
+        """Where they start."""
+        return self._flat("initial")
+
+    @cached_property
+    def scale(self) -> Array:
+        """Their sizes."""
+        return self._flat("scale")
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and most."""
+        return self._flat("lower"), self._flat("upper")
+
+    @cached_property
+    def prior(self) -> tuple[Array, Array]:
+        """Mean and standard deviation, infinite where there is no prior."""
+        return self._flat("prior_mean"), self._flat("prior_sigma")
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """A name for each number."""
+        return [label for entry in self.entries for label in entry.labels]
+
+    def values(self, x: Array) -> dict[str, Any]:
+        """The numbers by name: floats and arrays."""
+        return {
+            entry.name: x[part].reshape(entry.shape) if entry.shape else float(x[part][0])
+            for entry, part in zip(self.entries, self.parts.values(), strict=True)
+        }
+
+    # -- what they stand for -----------------------------------------------------------------------------------------
+
+    def robot_numbers(self, x: Array) -> dict[str, Any]:
+        """The robot's parameters that are unknown, at these values."""
+        return self._raw(x, None)
+
+    def robot_at(self, x: Array) -> Robot:
+        """The robot with these values."""
+        return robot_with(self.robot, self.robot_numbers(x))
+
+    @cached_property
+    def moves_experiments(self) -> bool:
+        """Whether any of them acts on actuations or loads."""
+        return not all(entry.of_robot for entry in self.entries)
+
+    def experiment_at(self, x: Array, k: int) -> tuple[Actuation, tuple[Load, ...]]:
+        """Actuation and loads of an experiment with these values."""
+        actuation, loads = self.experiments[k]
+        if not self.moves_experiments:
+            return actuation, loads
+        rotations, translations = np.array(actuation.rotations), np.array(actuation.translations)
+        own = self._raw(x, k)
+        rotations = own.pop("rotations", rotations) + self._offsets(x, "rotation")
+        translations = own.pop("translations", translations) + self._offsets(x, "translation")
+        return Actuation(rotations, np.minimum(translations, 0.0)), loads_with(loads, own)
+
+    def _offsets(self, x: Array, kind: str) -> Array:
+        offsets = np.zeros(len(self.robot.tubes))
+        for entry in self.entries:
+            if entry.experiment is None and entry.acts_on[0].startswith(f"{kind}s["):
+                offsets[int(entry.acts_on[0][len(kind) + 2 : -1])] += x[self.parts[entry.name]][0]
+        return offsets
+
+    def _raw(self, x: Array, experiment: int | None) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        for entry in self.entries:
+            if entry.experiment != experiment or entry.acts_on[0].startswith(_OFF_ROBOT):
+                continue
+            part = x[self.parts[entry.name]]
+            if entry.factors is not None:
+                values |= {name: part[0] * factor for name, factor in zip(entry.acts_on, entry.factors, strict=True)}
+            else:
+                values[entry.acts_on[0]] = part.reshape(entry.shape) if entry.shape else float(part[0])
+        return values
+
+    def acting(self, experiment: int) -> list[tuple[str, int, Array]]:
+        """What moves the numbers of an experiment: their name, first of them and ``d numbers / dx``, one row each.
+
+        The name is that of a robot's parameter, ``"rotations"``, ``"translations"`` or a load's.
+        """
+        found: list[tuple[str, int, Array]] = []
+        for entry in self.entries:
+            if entry.experiment not in (None, experiment) or entry.acts_on[0].startswith("sensors."):
+                continue
+            part = self.parts[entry.name]
+            for j, name in enumerate(entry.acts_on):
+                base, first = _indexed(name)
+                rows = np.zeros((entry.size if entry.factors is None else entry.factors[j].size, self.size))
+                rows[:, part] = np.eye(entry.size) if entry.factors is None else entry.factors[j].reshape(-1, 1)
+                found.append((base, first, rows))
+        return found
+
+    def mounting(self, sensor: str, x: Array) -> Mounting:
+        """Pose of a sensor in the frame of the tube that carries it; what is not unknown is zero."""
+        kinds = (self.parts.get(f"sensors.{sensor}.{kind}") for kind in ("translation", "rotation"))
+        translation, angles = (np.zeros(3) if part is None else x[part] for part in kinds)
+        return translation, angles
+
+    def of_sensors(self, sensors: Iterable[str]) -> Array:
+        """``d numbers / dx`` of the six numbers of each sensor's pose, ``(6 k, size)``."""
+        parts = (self.parts.get(f"sensors.{name}.{kind}") for name in sensors for kind in ("translation", "rotation"))
+        rows = [np.zeros((3, self.size)) if part is None else np.eye(self.size)[part] for part in parts]
+        return np.vstack([np.zeros((0, self.size)), *rows])
+
+    def sizes(self, names: Sequence[str], experiment: int) -> dict[str, int]:
+        """How many numbers parameters of these names have in an experiment."""
+        known = parameters(self.robot, *self.experiments[experiment])
+        return {name: known[name].size for name in names}
+
+    # -- reading ---------------------------------------------------------------------------------------------------
+
+    def _entry(self, given: Parameter) -> Unknown:
+        if not isinstance(given.name, str):
+            raise DefinitionError(f"parameters: {given.name!r} must be the name of a parameter")
+        if given.tied:
+            return self._tied(given)
+        if found := _OFFSET.fullmatch(given.name):
+            i, kind = int(found[1]), found[2]
+            if i >= len(self.robot.tubes):
+                raise DefinitionError(f"{given.name!r}: the robot has {len(self.robot.tubes)} tubes, counted from 0")
+            if kind == "rotation":
+                return _unknown(given, np.zeros(()), (f"rotations[{i}]",), 1.0)
+            foremost = max(float(actuation.translations[i]) for actuation, _ in self.experiments)
+            return _unknown(given, np.zeros(()), (f"translations[{i}]",), self._length, most=0.0 - foremost)
+        if found := _SENSOR.fullmatch(given.name):
+            scale = self._length if found[2] == "translation" else 1.0
+            return _unknown(given, np.zeros(3), (given.name,), scale)
+        if found := _OWN.fullmatch(given.name):
+            return self._own(given, int(found[1]), found[2])
+        (found_one,) = chosen(self._known, [given.name], "parameters")
+        return _unknown(given, found_one.value, (given.name,), _scale(given.name, found_one.value, self._length))
+
+    def _own(self, given: Parameter, k: int, name: str) -> Unknown:
+        if k >= len(self.experiments):
+            raise DefinitionError(f"{given.name!r}: there are {len(self.experiments)} experiments, counted from 0")
+        actuation, loads = self.experiments[k]
+        known = parameters(self.robot, actuation, loads)
+        own = {f"experiments[{k}].{each}": known[each] for each in known if not each.startswith(("tubes[", "base."))}
+        (found,) = chosen(own, [given.name], "parameters")
+        most = 0.0 if name == "translations" else np.inf
+        return _unknown(given, found.value, (name,), _scale(name, found.value, self._length), experiment=k, most=most)
+
+    def _tied(self, given: Parameter) -> Unknown:
+        found = chosen(self._known, given.tied, f"{given.name}: tied")
+        factors = tuple(np.array(each.value) for each in found)
+        return _unknown(given, np.ones(()), tuple(given.tied), 1.0, factors=factors)
+
+    @cached_property
+    def _known(self) -> dict[str, RobotParameter]:
+        """The robot's parameters; densities act if any experiment has weights."""
+        held = Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes)))
+        pulls = [load for _, loads in self.experiments for load in loads if isinstance(load, Gravity)][:1]
+        known = parameters(self.robot, held, pulls)
+        return {name: each for name, each in known.items() if name.startswith(("tubes[", "base."))}
+
+    @property
+    def _length(self) -> float:
+        return max(tube.length for tube in self.robot.tubes)
+
+    def _check_doubled(self) -> None:
+        seen: dict[tuple[int | None, str], str] = {}
+        for entry in self.entries:
+            for name in entry.acts_on:
+                key = (entry.experiment, name)
+                if key in seen:
+                    raise DefinitionError(f"parameters: both {seen[key]!r} and {entry.name!r} stand for {name!r}")
+                seen[key] = entry.name
+        robot_names = [name for k, name in seen if k is None and not name.startswith(_OFF_ROBOT)]
+        chosen(self._known, robot_names, "parameters")  # refuses a stiffness beside the modulus that it follows from
+
+
+def _listed(wanted: Any) -> list[Any]:
+    if wanted is None or isinstance(wanted, (str, Parameter)):
+        raise DefinitionError(f"parameters = {wanted!r} must be a list of them")
+    return list(wanted)
+
+
+def _indexed(name: str) -> tuple[str, int]:
+    found = re.fullmatch(r"(rotations|translations)\[(\d+)\]", name)
+    return (found[1], int(found[2])) if found else (name, 0)
+
+
+def _scale(name: str, value: Array, length: float) -> Array | float:
+    """A size by which a parameter may be expected to change."""
+    if name in ("base.rotation", "rotations"):
+        return 1.0
+    if name in ("base.translation", "translations") or name.endswith(("arc_length", ".start", ".end")):
+        return length
+    largest = float(np.abs(value).max())
+    return largest if largest > 0.0 else 1.0 / length if "precurvature" in name else 1.0
+
+
+def _unknown(
+    given: Parameter,
+    value: Array,
+    acts_on: tuple[str, ...],
+    scale: Array | float,
+    *,
+    experiment: int | None = None,
+    factors: tuple[Array, ...] | None = None,
+    most: float = np.inf,
+) -> Unknown:
+    shape, flat = value.shape, np.array(value, dtype=np.float64).ravel()
+
+    def of_shape(what: Any, field: str) -> Array:
+        if np.ndim(what) == 0:
+            return np.full(len(flat), number(what, f"{given.name}: {field}"))
+        return np.array(array(what, f"{given.name}: {field}", shape)).ravel()
+
+    initial = flat if given.initial is None else of_shape(given.initial, "initial")
+    lower, upper = _default_bounds(given.name, initial, factors is not None)
+    if given.bounds is not None:
+        lower, upper = (_or_infinite(of_shape, each, sign) for each, sign in zip(given.bounds, (-1, 1), strict=True))
+    if np.any(lower >= most) or np.any(initial > most):
+        raise DefinitionError(
+            f"{given.name}: it must be allowed to be below {most:g} m and start there, as no tube's base "
+            "stands in front of the entry point"
+        )
+    upper = np.minimum(upper, most)
+    if np.any(lower >= upper) or np.any(initial < lower) or np.any(initial > upper):
+        raise DefinitionError(
+            f"{given.name}: initial = {initial.tolist()} must lie between the bounds {lower.tolist()} and "
+            f"{upper.tolist()}"
+        )
+    mean, sigma = initial, np.full(len(flat), np.inf)
+    if given.prior is not None:
+        mean, sigma = (of_shape(each, "prior") for each in given.prior)
+        if not (sigma > 0.0).all():
+            raise DefinitionError(
+                f"{given.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive"
+            )
+    size = np.broadcast_to(np.asarray(scale if given.scale is None else of_shape(given.scale, "scale")), flat.shape)
+    if not (size > 0.0).all():
+        raise DefinitionError(f"{given.name}: scale = {size.tolist()} must be positive")
+    return Unknown(
+        given.name, shape, initial, np.array(size), lower, upper, mean, sigma, _labels(given.name, shape), acts_on,
+        experiment, factors,
+    )  # fmt: skip
+
+
+def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
+    """A bound; where it is None or infinite, there is none."""
+    infinite = sign * np.inf
+    if np.ndim(value) == 0:
+        none = value is None or value == infinite
+        return np.full_like(of_shape(0.0, "bounds"), infinite) if none else of_shape(value, "bounds")
+    given = np.asarray(value, dtype=object)
+    free = np.array([each is None or each == infinite for each in given.ravel()]).reshape(given.shape)
+    return np.where(free.ravel(), infinite, of_shape(np.where(free, 0.0, given).tolist(), "bounds"))
+
+
+def _default_bounds(name: str, initial: Array, factor: bool) -> tuple[Array, Array]:
+    if (factor or name.endswith(_POSITIVE)) and np.all(initial > 0.0):
+        return initial / _FACTOR, initial * _FACTOR
+    if name.endswith((".rotation", "rotation_offset")):
+        return initial - np.pi, initial + np.pi
+    return np.full(initial.shape, -np.inf), np.full(initial.shape, np.inf)
+
+
+def _labels(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+    if not shape:
+        return (name,)
+    if shape == (3,) and not name.endswith(("rotations", "translations")):
+        return tuple(f"{name}.{axis}" for axis in _AXES)
+    return tuple(f"{name}[{', '.join(map(str, where))}]" for where in np.ndindex(shape))

@@ -1,0 +1,1 @@
+"""What estimates of every kind share: measurements, experiments, models with derivatives, losses."""

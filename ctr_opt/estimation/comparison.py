@@ -1,0 +1,72 @@
+"""Predictions beside measurements, for all experiments of a group together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..checks import Array
+from .measurements import BackboneMeasurement, Found, Measurement, Stacked
+
+
+class Comparison:
+    """The measurements of experiments that were all measured in the same way: ``(experiments, measurements)``.
+
+    ``whitener``: of a measurement.
+    """
+
+    def __init__(self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]) -> None:
+        self._columns = [_Column(list(column), whitener) for column in zip(*measurements, strict=True)]
+
+    def compare(self, predictions: Found) -> tuple[Array, Array]:
+        """Whitened misfits ``(experiments, numbers)`` and their derivatives, from predictions of all experiments."""
+        if len(self._columns) == 1:
+            return self._columns[0].compare(predictions)
+        misfits, rates, start = [], [], 0
+        for column in self._columns:
+            misfit, rate = column.compare(predictions[start : start + column.requests])
+            start += column.requests
+            misfits.append(misfit)
+            rates.append(rate)
+        return np.concatenate(misfits, axis=1), np.concatenate(rates, axis=1)
+
+    def along(self, predictions: Found) -> Array:
+        """Derivatives of the whitened misfits by the arc lengths that are estimated, ``(experiments, numbers, k)``.
+
+        A point moves along the tangent of the backbone, by as much as its arc length, and nothing else moves.
+        """
+        size = sum(column.numbers for column in self._columns)
+        count = sum(column.requests for column in self._columns if column.somewhere)
+        found = np.zeros((len(predictions[0].value), size, count))
+        row = place = start = 0
+        for column in self._columns:
+            those = slice(start, start := start + column.requests)
+            if column.somewhere:
+                points = np.arange(column.requests)[:, None]
+                found[:, row + 3 * points + np.arange(3), place + points] = column.tangents(predictions[those])
+                place += column.requests
+            row += column.numbers
+        return found
+
+
+class _Column:
+    """The same measurement in all experiments."""
+
+    def __init__(self, measurements: list[Measurement], whitener: Callable[[Measurement], Array]) -> None:
+        self.measurements = measurements
+        self.requests = len(measurements[0].requests)
+        self.numbers = int(np.prod(measurements[0].shape))
+        self.somewhere = isinstance(measurements[0], BackboneMeasurement)
+        self._whitener = np.array([whitener(each) for each in measurements])
+
+    def compare(self, found: Found) -> tuple[Array, Array]:
+        values, rates = self.measurements[0].compare(self.measurements, found)
+        count = len(values)
+        misfit = np.matmul(self._whitener, values[..., None])[..., 0]
+        return misfit.reshape(count, -1), np.matmul(self._whitener, rates).reshape(count, -1, rates.shape[-1])
+
+    def tangents(self, found: Found) -> Array:
+        """Whitened tangents of the backbone ``(experiments, points, 3)``."""
+        tangents = Stacked.of(found).value[..., 2]
+        return np.asarray(np.matmul(self._whitener, tangents[..., None])[..., 0])

@@ -1,0 +1,82 @@
+"""An experiment: how the robot was actuated and loaded, and what was measured."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+
+from ..errors import DefinitionError
+from ..loads.wrenches import LOADS, Load
+from ..robot.actuation import Actuation
+from .measurements import MEASUREMENTS, Measurement, Request
+
+
+def _several(value: Any, field: str) -> tuple[Any, ...]:
+    try:
+        return tuple(value)
+    except TypeError:
+        raise DefinitionError(f"{field} = {value!r} must be a list of them") from None
+
+
+def _loads(value: Any) -> tuple[Load, ...]:
+    given = (value,) if isinstance(value, LOADS) else _several(value, "loads")
+    for k, load in enumerate(given):
+        if not isinstance(load, LOADS):
+            raise DefinitionError(f"loads[{k}] = {load!r} must be a load")
+    return given
+
+
+def _measurements(value: Any) -> tuple[Measurement, ...]:
+    given = (value,) if isinstance(value, MEASUREMENTS) else _several(value, "measurements")
+    if not given:
+        raise DefinitionError("measurements = [] must hold at least one measurement")
+    for k, each in enumerate(given):
+        if not isinstance(each, MEASUREMENTS):
+            names = ", ".join(kind.__name__ for kind in MEASUREMENTS)
+            raise DefinitionError(f"measurements[{k}] = {each!r} must be one of {names}")
+    return given
+
+
+@attrs.frozen
+class Experiment:
+    """Actuation, known loads and measurements of a robot at rest.
+
+    Parameters
+    ----------
+    actuation
+        As in :class:`~ctr_opt.ForwardProblem`.
+    loads
+        A list of loads, as far as they are known.
+    measurements
+        One measurement or several.
+    name
+        To find it in reports; default: its number.
+
+    Examples
+    --------
+    >>> import ctr_opt as ctr
+    >>> tip = ctr.PositionMeasurement(None, [0.0, 0.0, 0.1], sigma=1e-3)
+    >>> ctr.Experiment(ctr.Actuation([0.0], [0.0]), [], [tip]).numbers
+    3
+    """
+
+    actuation: Actuation = attrs.field()
+    loads: tuple[Load, ...] = attrs.field(default=(), converter=_loads)
+    measurements: tuple[Measurement, ...] = attrs.field(default=(), converter=_measurements)
+    name: str = ""
+
+    @actuation.validator
+    def _check_actuation(self, _: Any, value: Any) -> None:
+        if not isinstance(value, Actuation):
+            raise DefinitionError(f"actuation = {value!r} must be an Actuation")
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """The predictions that all measurements need, in their order."""
+        return tuple(request for each in self.measurements for request in each.requests)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers were measured."""
+        return sum(each.shape[0] * each.shape[1] for each in self.measurements)

@@ -1,0 +1,1 @@
+"""Robots, problems, experiments and results as files."""

@@ -1,0 +1,170 @@
+"""Calibrations in files: a robot, a table of experiments, what to estimate, and what the answer is checked with."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..calibration.problem import CalibrationProblem
+from ..calibration.unknowns import Parameter
+from ..checks import Array, choice, number
+from ..errors import DefinitionError
+from ..estimation.experiment import Experiment
+from ..estimation.losses import LOSSES
+from ..robot.robot import Robot
+from .experiments import read_experiments
+from .problem import Problem, load_problem, load_robot
+from .text import at, read_toml
+
+
+@attrs.frozen(eq=False)
+class Check:
+    """A problem whose tip was measured but is not fitted, ``tip_position (3,)``, m."""
+
+    problem: Problem
+    tip_position: Array
+
+
+def _share(value: Any) -> float:
+    return number(value, "hold_out.share", above=0.0, most=1.0)
+
+
+@attrs.frozen
+class HoldOut:
+    """A share of the experiments, drawn at random with a seed, that is predicted and not fitted.
+
+    >>> HoldOut(0.4, seed=1).of(5)
+    [0, 4]
+    """
+
+    share: float = attrs.field(converter=_share)
+    seed: int
+
+    def of(self, count: int) -> list[int]:
+        """The numbers of those that are held out, of so many."""
+        held = np.random.default_rng(self.seed).permutation(count)[: round(self.share * count)]
+        if not 0 < len(held) < count:
+            raise DefinitionError(
+                f"hold_out.share = {self.share:g} of {count} experiments must hold out at least one and leave one"
+            )
+        return sorted(int(k) for k in held)
+
+
+@attrs.frozen(eq=False)
+class Calibration:
+    """A calibration read from a file.
+
+    Attributes
+    ----------
+    robot, experiments, parameters, losses
+        What to fit, by which losses.
+    hold_out, held
+        Which experiments of the table are predicted and not fitted.
+    sigma
+        Standard deviations of ``position`` (m) and ``direction`` (rad), as far as given.
+    sensor
+        The name of the sensor whose position and direction those of the tip are; None: the tip's own.
+    checks
+        What is predicted and not fitted.
+    truth
+        Of synthetic data, what they were made with.
+    title, description, source, does_not_claim
+        What it is, where its numbers come from, what they do not claim.
+    """
+
+    path: Path
+    title: str
+    robot: Robot
+    table: Path
+    experiments: tuple[Experiment, ...]
+    parameters: tuple[str | Parameter, ...]
+    losses: tuple[str, ...]
+    sigma: dict[str, Any]
+    sensor: str | None = None
+    hold_out: HoldOut | None = None
+    held: tuple[Experiment, ...] = ()
+    checks: tuple[Check, ...] = ()
+    truth: dict[str, Any] = attrs.field(factory=dict)
+    description: str = ""
+    source: str = ""
+    does_not_claim: str = ""
+
+    def problem(self, loss: str) -> CalibrationProblem:
+        """The problem with one of the losses."""
+        return CalibrationProblem(self.robot, self.experiments, self.parameters, loss=loss)
+
+
+def is_calibration(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a calibration: TOML with ``experiments``."""
+    try:
+        return "experiments" in read_toml(Path(path))
+    except DefinitionError:
+        return False
+
+
+def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", measured: bool = True) -> Calibration:
+    """Read a calibration file and its table of experiments.
+
+    Parameters
+    ----------
+    path
+        A TOML file with ``experiments``, the name of a CSV file beside it as for
+        :func:`~ctr_opt.files.experiments.read_experiments`, ``sensor`` if tips are those of a sensor, ``parameters``
+        (names, or tables with the arguments of :class:`~ctr_opt.Parameter`), ``losses``, ``[sigma]``, and
+        ``[hold_out]`` with ``share`` and ``seed`` of the experiments that are predicted and not fitted.
+    on_overlap
+        As in :func:`load_robot`.
+    measured
+        Whether to read the table.
+
+    Raises
+    ------
+    DefinitionError
+        One sentence that names the file, the place, the value and what is allowed.
+
+    Examples
+    --------
+    >>> len(load_calibration("problems/rjw_s1/calibration.toml").experiments)
+    80
+    """
+    from .schemas import CalibrationSchema, load_checked
+
+    file = Path(path)
+    data = at(file, "", lambda: load_checked(CalibrationSchema, read_toml(file)))
+    robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
+    table, sigma = file.parent / data["experiments"], data["sigma"]
+    tubes = len(robot.tubes)
+    told = {"sigma": sigma.get("position"), "direction_sigma": sigma.get("direction"), "sensor": data.get("sensor")}
+    rows = read_experiments(table, tubes, **told) if measured else []
+    hold_out = at(file, "", lambda: HoldOut(**data["hold_out"]) if "hold_out" in data else None)
+    held = at(file, "", lambda: hold_out.of(len(rows)) if hold_out and rows else [])
+    for loss in data["losses"]:
+        at(file, "", lambda loss=loss: choice(loss, "losses", LOSSES))  # type: ignore[misc]
+    checks = tuple(
+        Check(load_problem(file.parent / each["problem"]), np.array(each["tip_position"])) for each in data["checks"]
+    )
+    found = Calibration(
+        file,
+        data["title"],
+        robot,
+        table,
+        tuple(each for k, each in enumerate(rows) if k not in held),
+        at(file, "", lambda: tuple(e if isinstance(e, str) else Parameter(**e) for e in data["parameters"])),
+        tuple(data["losses"]),
+        sigma,
+        data.get("sensor"),
+        hold_out,
+        tuple(rows[k] for k in held),
+        checks,
+        data.get("truth", {}),
+        data.get("description", ""),
+        data["source"]["text"],
+        data["source"].get("does_not_claim", ""),
+    )
+    if measured:
+        at(file, "", lambda: found.problem(found.losses[0]))
+    return found

@@ -1,0 +1,250 @@
+"""Force problems in files: a robot's actuation, what was measured on it, and the loads that are sought."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import attrs
+import numpy as np
+
+from ..checks import Array
+from ..errors import DefinitionError
+from ..estimation.measurements import (
+    BackboneMeasurement,
+    CurvatureMeasurement,
+    Distal,
+    ForceMeasurement,
+    Measurement,
+    PoseMeasurement,
+    PositionMeasurement,
+    TangentMeasurement,
+    TorqueMeasurement,
+)
+from ..force.contact_number import Contacts
+from ..force.distributed import DistributedForce
+from ..force.estimate import ForceEstimate
+from ..force.problem import ForceEstimationProblem
+from ..force.unknown import PointForce, TipForce, TipWrench, UnknownLoad
+from ..loads.wrenches import Load
+from ..robot.actuation import Actuation
+from ..robot.robot import Robot
+from .problem import load_robot, read_load, tube_index
+from .text import at, read_toml
+from .unit_tables import read_columns
+
+if TYPE_CHECKING:
+    from .schemas import Strict
+
+Made = TypeVar("Made")
+
+_MOST = 4.0  # standard errors that an estimate from synthetic data may be off the truth
+_POINTS, _CURVATURES = {"x": "m", "y": "m", "z": "m"}, {"s": "m", "u_x": "1/m", "u_y": "1/m"}
+_DENSITY = {"s": "m", "f_x": "N/m", "f_y": "N/m", "f_z": "N/m"}
+_WITHIN, _SHARE = 2.0, 0.85  # standard errors of a density, and the share of it that is no farther off
+
+
+@attrs.frozen(eq=False)
+class ForceProblem:
+    """A force problem read from a file.
+
+    Attributes
+    ----------
+    problem, actuation, measurements, loads
+        What is solved: ``loads`` are the known ones.
+    truth, expected
+        Of synthetic data, what they were made with and what an estimate should say of them.
+    title, description, source, does_not_claim
+        What it is, where its numbers come from, what they do not claim.
+    """
+
+    path: Path
+    title: str
+    problem: ForceEstimationProblem
+    actuation: Actuation
+    measurements: tuple[Measurement, ...]
+    loads: tuple[Load, ...]
+    truth: dict[str, Any]
+    expected: dict[str, Any]
+    description: str = ""
+    source: str = ""
+    does_not_claim: str = ""
+
+    def solve(self) -> ForceEstimate:
+        """The estimate."""
+        return self.problem.solve(self.actuation, self.measurements, self.loads)
+
+    def verdicts(self, estimate: ForceEstimate) -> dict[str, bool]:
+        """What the file says of the answer, in words, and whether it is so."""
+        found = dict(self._by_truth(estimate))
+        if "standard_errors" in self.expected:
+            ratios = estimate.deviations / np.array(self.expected["standard_errors"])
+            share = self.expected.get("share", 0.2)
+            told = f"standard errors {ratios.min():.2f} to {ratios.max():.2f} times those expected"
+            found[told] = bool((np.abs(ratios - 1.0) <= share).all())
+        if "consistent" in self.expected:
+            found["consistent" if estimate.consistent else "not consistent"] = (
+                estimate.consistent is self.expected["consistent"]
+            )
+        if "undetermined" in self.expected:
+            words = [each.split(":")[0] for each in estimate.undetermined]
+            found[f"undetermined: {', '.join(words) or 'nothing'}"] = words == self.expected["undetermined"]
+        return found
+
+    def _by_truth(self, estimate: ForceEstimate) -> Iterator[tuple[str, bool]]:
+        """What synthetic data were made with, beside what was found."""
+        if "contacts" in self.truth:
+            count = len(estimate.case.contacts)
+            yield f"{count} contacts", count == self.truth["contacts"]
+        if "force" in self.truth:
+            off = np.atleast_2d(estimate.force)[0] - self.truth["force"]
+            covariance = np.reshape(estimate.force_covariance, (-1, 3, 3))[0]
+            size = float(np.sqrt(off @ np.linalg.pinv(covariance, hermitian=True) @ off))
+            told = f"force {np.linalg.norm(off):.2g} N off the truth, {size:.1f} standard errors ({_MOST:g} allowed)"
+            yield told, size <= _MOST
+        if "arc_length" in self.truth:
+            (place, *_), (error, *_) = np.atleast_1d(estimate.arc_length), np.atleast_1d(estimate.arc_length_error)
+            off = abs(place - self.truth["arc_length"])
+            told = f"place {1e3 * off:.2g} mm off the truth, {off / error:.1f} standard errors ({_MOST:g} allowed)"
+            yield told, off <= _MOST * error
+        if "density" in self.truth:
+            columns = read_columns(self.path.parent / self.truth["density"], _DENSITY)
+            density, errors = estimate.density(columns["s"])
+            off = np.abs(density - np.column_stack([columns[f"f_{axis}"] for axis in "xyz"])) / errors
+            share = float((off < _WITHIN).mean())
+            told = f"density: {share:.0%} within {_WITHIN:g} standard errors of the truth ({_SHARE:.0%} at least)"
+            yield told, share >= _SHARE
+
+
+def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> ForceProblem:
+    """Read a force problem.
+
+    Parameters
+    ----------
+    path
+        A TOML file with a robot, ``[actuation]``, ``[[measurements]]``, ``[[unknown]]`` and, if any are known,
+        ``[[loads]]``; see ``docs/files.md``. Tables that it names are looked for beside it.
+    on_overlap
+        As in :func:`load_robot`.
+
+    Raises
+    ------
+    DefinitionError
+        One sentence that names the file, the place, the value and what is allowed.
+
+    Examples
+    --------
+    >>> load_force_problem("problems/force_tip/problem.toml").problem.unknown
+    (TipForce(prior=None, bounds=None),)
+    """
+    from .force_schemas import ForceSchema
+    from .schemas import load_checked
+
+    file = Path(path)
+    data = at(file, "", lambda: load_checked(ForceSchema, read_toml(file)))
+    robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
+    joints = data["actuation"]
+    sigmas = {name: joints.pop(name, None) for name in ("rotation_sigma", "translation_sigma")}
+    actuation = at(file, "actuation", lambda: Actuation(**joints))
+    unknown = tuple(_unknown(file, robot, k, table) for k, table in enumerate(data["unknown_loads"]))
+    measured = tuple(_measurement(file, robot, k, table) for k, table in enumerate(data["measurements"]))
+    loads = tuple(read_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", [])))
+    loss = data.get("loss", "squared")
+    problem = at(file, "", lambda: ForceEstimationProblem(robot, unknown, loss=loss, **sigmas))
+    at(file, "", lambda: problem.check(actuation, measured, loads))
+    return ForceProblem(
+        file,
+        data["title"],
+        problem,
+        actuation,
+        measured,
+        loads,
+        data.get("truth", {}),
+        data.get("expected", {}),
+        data.get("description", ""),
+        data["source"]["text"],
+        data["source"].get("does_not_claim", ""),
+    )
+
+
+def _unknown(file: Path, robot: Robot, k: int, table: Any) -> UnknownLoad | Contacts:
+    from .force_schemas import UNKNOWN_LOAD_SCHEMAS
+
+    kinds: dict[str, Callable[..., UnknownLoad | Contacts]] = {
+        "tip_force": TipForce,
+        "tip_wrench": TipWrench,
+        "point_force": PointForce,
+        "contacts": Contacts,
+        "distributed_force": DistributedForce,
+    }
+    return _made(file, robot, f"unknown[{k}]", table, UNKNOWN_LOAD_SCHEMAS, kinds)
+
+
+def _measurement(file: Path, robot: Robot, k: int, table: Any) -> Measurement:
+    from .force_schemas import MEASUREMENT_SCHEMAS
+
+    kinds: dict[str, Callable[..., Measurement]] = {
+        "points": lambda **own: _points(file, **own),
+        "tip_position": lambda **own: PositionMeasurement(None, **own),
+        "tip_direction": lambda **own: TangentMeasurement(None, **own),
+        "tip_pose": _tip_pose,
+        "curvatures": lambda **own: _curvatures(file, **own),
+        "torque": TorqueMeasurement,
+        "force": ForceMeasurement,
+    }
+    return _made(file, robot, f"measurements[{k}]", table, MEASUREMENT_SCHEMAS, kinds)
+
+
+def _made(
+    file: Path,
+    robot: Robot,
+    place: str,
+    table: Any,
+    schemas: Mapping[str, type[Strict]],
+    kinds: Mapping[str, Callable[..., Made]],
+) -> Made:
+    """What a table describes whose ``kind`` names schema and constructor."""
+    from .schemas import load_kind
+
+    kind, values = at(file, place, lambda: load_kind(schemas, table))
+    if "tube" in values:
+        values["tube"] = at(file, place, lambda: tube_index(robot, values["tube"]))
+    for name in values.keys() & {"prior", "place_prior"}:
+        values[name] = _prior(**values[name])
+    return at(file, place, lambda: kinds[kind](**values))
+
+
+def _prior(**given: Any) -> tuple[Any, Any]:
+    """Mean and standard deviation; of a wrench, both of its force and then of its moment."""
+    if "mean" in given:
+        return given["mean"], given["sigma"]
+    mean = [given.get(f"{name}_mean", 0.0) for name in ("force", "moment")]
+    sigma = [given[f"{name}_sigma"] for name in ("force", "moment")]
+    return _six(*mean), _six(*sigma)
+
+
+def _six(first: Any, last: Any) -> Array:
+    """Three numbers, or one for all three, and three others."""
+    return np.concatenate((np.broadcast_to(first, 3), np.broadcast_to(last, 3)))
+
+
+def _tip_pose(pose: Any, position_sigma: Any, rotation_sigma: Any, tube: int | None = None) -> Measurement:
+    place = None if tube is None else Distal(tube)
+    return PoseMeasurement(place, pose, _six(position_sigma, rotation_sigma), tube)
+
+
+def _points(beside: Path, file: str, sigma: Any, ordered: bool = False) -> Measurement:
+    columns = read_columns(beside.parent / file, _POINTS, {"s": "m"})
+    points = np.column_stack([columns[axis] for axis in "xyz"])
+    if "s" not in columns:
+        return BackboneMeasurement(points, sigma, ordered=ordered)
+    if ordered:
+        raise DefinitionError("ordered is for points whose arc lengths nobody knows, but the table has a column s")
+    return PositionMeasurement(columns["s"], points, sigma)
+
+
+def _curvatures(beside: Path, file: str, sigma: Any, tube: int = 0) -> Measurement:
+    columns = read_columns(beside.parent / file, _CURVATURES)
+    return CurvatureMeasurement(columns["s"], np.column_stack((columns["u_x"], columns["u_y"])), sigma, tube)

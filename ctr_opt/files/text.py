@@ -1,0 +1,157 @@
+"""Text files: TOML and CSV read as data, with errors that name the place; written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import reprlib
+import tempfile
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from ..errors import CtrOptError, DefinitionError
+
+if TYPE_CHECKING:
+    from ..checks import Array
+
+_T = TypeVar("_T")
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    """The tables of a TOML file."""
+    try:
+        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise DefinitionError(f"{file} is no text in UTF-8, so no TOML file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise DefinitionError(f"{file} is no valid TOML, perhaps cut off: {error}") from None
+    except ValueError as error:
+        raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
+    except RecursionError:
+        raise DefinitionError(f"{file} is nested too deeply to be a robot or problem file") from None
+
+
+def at(file: Path, place: str, build: Callable[[], _T]) -> _T:
+    """Build something; an error is told with the file and the place in it."""
+    try:
+        return build()
+    except CtrOptError as error:
+        text = str(error)
+        raise DefinitionError(text if text.startswith(str(file)) else f"{file}: {_joined(place, text)}") from None
+    except ValueError as error:
+        raise DefinitionError(f"{file}: {(place + str(error)).lstrip('.').strip()}") from None
+
+
+def _joined(place: str, text: str) -> str:
+    return f"{place}: {text}" if place else text
+
+
+def read_csv(file: Path, columns: int) -> Array:
+    """A table of numbers in SI, comma-separated, ``#`` before comments; ``(rows, columns)``."""
+    table = []
+    for line, row in said_lines(file):
+        try:
+            entries = [float(entry) for entry in row.split(",")]
+        except ValueError:
+            raise DefinitionError(
+                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} numbers with commas, "
+                "or a comment behind a #"
+            ) from None
+        if len(entries) != columns or not np.all(np.isfinite(entries)):
+            raise DefinitionError(
+                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} finite numbers with commas"
+            )
+        table.append(entries)
+    if not table:
+        raise DefinitionError(f"{file} holds no numbers, but must hold lines of {columns}")
+    return np.array(table)
+
+
+def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, dict[str, float]]]:
+    """The same with a header that names the columns, in any order; line numbers, and the numbers by column."""
+    rows = said_lines(file)
+    if len(rows) < 2:
+        raise DefinitionError(f"{file} must hold a line of names ({', '.join(columns)}) and lines of numbers")
+    line, header = rows[0]
+    names = [name.strip() for name in header.split(",")]
+    for name in names:
+        if name not in columns or names.count(name) > 1:
+            wrong = "is given twice" if name in columns else "is no column here"
+            raise DefinitionError(f"{file}: line {line}, column {name!r} {wrong}; the columns are {', '.join(columns)}")
+    for name in columns:
+        if name not in names:
+            raise DefinitionError(f"{file}: line {line}: column {name!r} is missing")
+    return [(line, _numbers(f"{file}: line {line}", names, row)) for line, row in rows[1:]]
+
+
+def _numbers(place: str, names: list[str], row: str) -> dict[str, float]:
+    entries = [entry.strip() for entry in row.split(",")]
+    if len(entries) != len(names):
+        raise DefinitionError(f"{place} has {len(entries)} entries, but must have {len(names)}, one for each column")
+    values = {}
+    for name, entry in zip(names, entries, strict=True):
+        try:
+            values[name] = float(entry)
+        except ValueError:
+            values[name] = float("nan")
+        if not np.isfinite(values[name]):
+            raise DefinitionError(f"{place}, column {name!r}: {reprlib.repr(entry)} must be a finite number, in SI")
+    return values
+
+
+def said_lines(file: Path) -> list[tuple[int, str]]:
+    """The lines that say something, with their numbers."""
+    try:
+        lines = file.read_text("utf-8-sig").splitlines()
+    except OSError as error:
+        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise DefinitionError(f"{file} is no text in UTF-8, so no CSV file") from None
+    except ValueError as error:
+        raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
+    rows = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, start=1)]
+    return [(k, row) for k, row in rows if row]
+
+
+def check_output(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Refuse a place that cannot be written."""
+    if path.suffix not in suffixes:
+        raise DefinitionError(f"output = {str(path)!r} must end in {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
+    if path.is_dir() or not os.access(path.parent, os.W_OK):
+        raise DefinitionError(f"{path} cannot be written")
+
+
+def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let ``write`` fill a temporary file beside ``path``, and put it in place only when it is whole.
+
+    The temporary file is removed whatever happens, unless the process is killed: then ``.NAME.*.part.SUFFIX`` stays.
+    """
+    if not path.parent.is_dir():
+        raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=f".part{path.suffix}")
+        os.close(handle)
+    except (OSError, ValueError) as error:
+        raise DefinitionError(f"{str(path)!r} cannot be written: {error}") from None
+    part = Path(name)
+    try:
+        write(part)
+        part.chmod(path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask())
+        part.replace(path)
+    except OSError as error:
+        raise DefinitionError(f"{path} cannot be written: {error.strerror or error}") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

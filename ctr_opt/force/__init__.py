@@ -1,0 +1,1 @@
+"""Force from shape: the loads on a robot from measurements of it."""

@@ -1,0 +1,443 @@
+"""What is sought and seen in one estimate of loads, in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import compress
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.fit import Fit
+from ..checks import Array
+from ..errors import DefinitionError, EstimationError
+from ..estimation.comparison import Comparison
+from ..estimation.compiled_model import euler_rates
+from ..estimation.experiment import Experiment
+from ..estimation.losses import Loss
+from ..estimation.measurements import Measurement, Somewhere, arc_length_of
+from ..estimation.places import nearest, orders
+from ..forward.equilibrium import Equilibrium
+from ..layout.configuration import Configuration
+from ..loads.gravity import Gravity
+from ..loads.wrenches import Load
+from ..robot.actuation import Actuation
+from ..robot.names import Parameter, parameters
+from ..robot.replacing import loads_with
+from ..robot.robot import Robot
+from .distributed import DistributedForce
+from .model import LoadedModel, loaded_model
+from .search import Search, Seen, Sought, State, blocks
+from .spread import Spread, between, within_cone
+from .unknown import PointForce, UnknownLoad
+
+_INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
+_STIFFEST = 1e12  # information on a coefficient, in its scale, by its smoothness
+_UNLIKELY = 1e-3  # probability of residuals that are not believed
+
+
+@attrs.frozen(eq=False)
+class Errors:
+    """Numbers of the model that are known with errors only: their names, and a factor of their covariance."""
+
+    names: tuple[str, ...]
+    spread: Array
+
+    @property
+    def count(self) -> int:
+        """How many standard normal errors there are."""
+        return int(self.spread.shape[1])
+
+    @classmethod
+    def of(cls, robot: Robot, experiment: Experiment, fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
+        """Of a calibrated robot's parameters and of the actuation, as far as they act."""
+        if fit is None and all(sigma is None for sigma in joints.values()):
+            return cls((), np.zeros((0, 0)))
+        return cls._of(parameters(robot, experiment.actuation, experiment.loads), fit, joints)
+
+    @classmethod
+    def ever(cls, robot: Robot, fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
+        """The same for all that a robot may be seen in: of everything that acts in any of it."""
+        held = Actuation(np.zeros(len(robot.tubes)), np.zeros(len(robot.tubes)))
+        return cls._of(parameters(robot, held, [Gravity(np.zeros(3))]), fit, joints)
+
+    @classmethod
+    def _of(cls, known: Mapping[str, Parameter], fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
+        parts = [] if fit is None else _of_fit(fit, {name: each.size for name, each in known.items() if not each.idle})
+        parts += [{name: np.diag(sigma)} for name, sigma in joints.items() if sigma is not None]
+        names = tuple(dict.fromkeys(name for part in parts for name in part))
+        columns = [np.vstack([_padded(part, name, known[name].size) for name in names]) for part in parts]
+        return cls(names, np.hstack(columns) if columns else np.zeros((0, 0)))
+
+    def acting(self, robot: Robot, experiment: Experiment) -> Errors:
+        """The same normal errors, and what they change in an experiment: no number that does not act there."""
+        if not self.names:
+            return self
+        known = parameters(robot, experiment.actuation, experiment.loads)
+        acts = [not known[name].idle for name in self.names]
+        rows = np.repeat(acts, [known[name].size for name in self.names])
+        return Errors(tuple(compress(self.names, acts)), self.spread[rows])
+
+
+def _padded(part: Mapping[str, Array], name: str, size: int) -> Array:
+    return part[name] if name in part else np.zeros((size, next(iter(part.values())).shape[1]))
+
+
+def _of_fit(fit: Fit, sizes: Mapping[str, int]) -> list[dict[str, Array]]:
+    """How the numbers of the model follow standard normal errors of a fit's parameters."""
+    if not isinstance(fit, Fit):
+        raise DefinitionError(f"fit = {fit!r} must be a Fit")
+    unknowns = fit.estimation.unknowns
+    rows: dict[str, Array] = {}
+    for name, first, part in unknowns.acting(-1):
+        if name in sizes:
+            own = rows.setdefault(name, np.zeros((sizes[name], unknowns.size)))
+            own[first : first + len(part)] += part
+    if not rows:
+        return []
+    used = np.flatnonzero(np.any([own.any(axis=0) for own in rows.values()], axis=0))
+    covariance = fit.covariance[np.ix_(used, used)]
+    if not np.isfinite(covariance).all():
+        raise EstimationError(
+            f"fit leaves parameters of the robot open: {'; '.join(map(str, fit.undetermined))}; no error of a force "
+            "can be told"
+        )
+    if "base.rotation" in rows:
+        rows["base.rotation"] = euler_rates(np.asarray(fit.values["base.rotation"])) @ rows["base.rotation"]
+    values, vectors = np.linalg.eigh(covariance)
+    factor = vectors * np.sqrt(np.maximum(values, 0.0))
+    return [{name: own[:, used] @ factor for name, own in rows.items()}]
+
+
+@attrs.frozen(eq=False)
+class Numbered:
+    """Unknown loads, the loads that stand for them, and the names, labels and parts of their numbers.
+
+    ``names`` are those of the model, whose first ``first`` loads are known.
+    """
+
+    unknown: tuple[UnknownLoad, ...]
+    first: int
+    templates: tuple[Load, ...]
+    names: tuple[str, ...]
+    labels: tuple[str, ...]
+    parts: tuple[slice, ...]
+
+    @classmethod
+    def of(cls, unknown: tuple[UnknownLoad, ...], first: int) -> Numbered:
+        """Behind so many known loads."""
+        templates: list[Load] = []
+        names: list[str] = []
+        labels: list[str] = []
+        parts = []
+        for k, each in enumerate(unknown):
+            own = each.sought
+            prefix = f"unknown[{k}]." if len(unknown) > 1 else ""
+            names += [f"loads[{first + len(templates) + load}].{field}" for load, field in each.taken]
+            parts.append(slice(len(labels), len(labels) + sum(number.size for number in own)))
+            labels += [prefix + label for number in own for label in number.labels]
+            templates += each.loads()
+        return cls(unknown, first, tuple(templates), tuple(names), tuple(labels), tuple(parts))
+
+    def where(self, field: str) -> list[slice]:
+        """Where the numbers of a field stand, of every unknown load that has it."""
+        found = []
+        for part, unknown in zip(self.parts, self.unknown, strict=True):
+            start = part.start
+            for number in unknown.sought:
+                if number.field == field:
+                    found.append(slice(start, start + number.size))
+                start += number.size
+        return found
+
+    @property
+    def resultants(self) -> list[Array]:
+        """Total forces of the unknown loads ``(3, numbers)``, by all numbers that are sought."""
+        found = []
+        for part, each in zip(self.parts, self.unknown, strict=True):
+            rows = np.zeros((3, len(self.labels)))
+            rows[:, part] = each.resultant
+            found.append(rows)
+        return found
+
+    def roughness(self) -> Array | None:
+        """Of a distributed force whose smoothness is not given, as a quadratic form of all numbers."""
+        found = np.zeros((len(self.labels),) * 2)
+        for part, each in zip(self.parts, self.unknown, strict=True):
+            if isinstance(each, DistributedForce) and each.smoothness is None:
+                found[part, part] = each.roughness
+        return found if found.any() else None
+
+    def loads_at(self, known: Sequence[Load], numbers: Array) -> list[Load]:
+        """The known loads and those sought, with the numbers of the model."""
+        values: dict[str, Any] = {}
+        start = 0
+        for name in self.names:
+            size = 1 if name.endswith("arc_length") else 3
+            k, field = int(name[6 : name.index("]")]), name.rpartition(".")[2]
+            own = numbers[start : start + size]
+            values[f"loads[{k - self.first}].{field}"] = float(own[0]) if size == 1 else own
+            start += size
+        return [*known, *loads_with(self.templates, values)]
+
+
+def extents(unknown: Sequence[UnknownLoad]) -> list[float | None]:
+    """Where distributed forces end."""
+    return [each.end for each in unknown if isinstance(each, DistributedForce)]
+
+
+@attrs.frozen(eq=False)
+class Case:
+    """An experiment, the loads sought in it, and the search for them.
+
+    ``forces``: the numbers' scales where they are forces, zero elsewhere; ``roughness``: of a distributed force whose
+    smoothness is to be found, as a quadratic form of all numbers; ``scans``: kept models of the search for contacts.
+    """
+
+    robot: Robot
+    experiment: Experiment
+    numbered: Numbered
+    errors: Errors
+    loss: str
+    compiled: bool | None
+    ends: Array
+    search: Search
+    forces: Array
+    roughness: Array | None
+    scans: dict[bytes, LoadedModel] = attrs.field(factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        experiment: Experiment,
+        unknown: tuple[UnknownLoad, ...],
+        errors: Errors,
+        loss: str,
+        compiled: bool | None,
+        steps: Callable[[], int],
+        kept: Sequence[Case],
+    ) -> Case:
+        """A case; one of those ``kept`` that serves lends its model. ``steps``: as for ``loaded_model``."""
+        ends = tube_ends(robot, experiment.actuation)
+        check_places(experiment, ends)
+        unknown = tuple(each.placed(ends) for each in unknown)
+        before = next((each for each in kept if each.serves(experiment, errors, unknown)), None)
+        if before is not None:
+            return before.again(experiment, ends)
+        numbered = Numbered.of(unknown, len(experiment.loads))
+        every = (*experiment.loads, *numbered.templates)
+        configuration = Configuration(robot, experiment.actuation, every)
+        model = loaded_model(
+            robot,
+            experiment.actuation,
+            every,
+            numbered.names,
+            errors.names,
+            experiment.requests,
+            compiled,
+            steps,
+        )
+        unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
+        sought, forces = _sought(robot, numbered, ends, errors)
+        starts, sizes = blocks([each.shape for each in experiment.measurements])
+        losses = {size: Loss(loss, size) for size in set(sizes.tolist())}
+        comparison = Comparison([experiment.measurements], _whitener(loss))
+        seen = Seen(comparison, starts, sizes, losses, orders(experiment))
+        search = Search(model, experiment.actuation, unit, float(ends.max()), sought, seen)
+        return cls(robot, experiment, numbered, errors, loss, compiled, ends, search, forces, numbered.roughness())
+
+    def serves(self, experiment: Experiment, errors: Errors, unknown: tuple[UnknownLoad, ...]) -> bool:
+        """Whether its model serves another experiment, too, with the same unknown loads, as they are placed there."""
+        own = self.experiment
+        return (
+            own.requests == experiment.requests
+            and [type(each) for each in own.measurements] == [type(each) for each in experiment.measurements]
+            and own.loads == experiment.loads
+            and np.argmax(self.ends) == np.argmax(tube_ends(self.robot, experiment.actuation))
+            and len(self.numbered.unknown) == len(unknown)
+            and extents(self.numbered.unknown) == extents(unknown)
+            and self.errors.names == errors.names
+            and np.array_equal(self.errors.spread, errors.spread)
+        )
+
+    def again(self, experiment: Experiment, ends: Array) -> Case:
+        """The same for an experiment that it serves."""
+        search = self.search
+        sought = search.sought
+        if not np.array_equal(ends, self.ends):
+            scale, lower, upper = extent(self.robot, self.numbered, ends)
+            sought = attrs.evolve(sought, scale=scale, lower=lower, upper=upper)
+        seen = attrs.evolve(search.seen, comparison=Comparison([experiment.measurements], _whitener(self.loss)))
+        search = Search(search.model, experiment.actuation, search.unit, float(ends.max()), sought, seen)
+        return attrs.evolve(self, experiment=experiment, ends=ends, search=search)
+
+    @property
+    def start(self) -> Array:
+        """What is likely before anything was seen."""
+        sought = self.search.sought
+        return np.clip(sought.prior_mean, sought.lower, sought.upper)
+
+    @property
+    def contacts(self) -> list[slice]:
+        """Where the numbers of unknown loads at unknown places stand."""
+        both = zip(self.numbered.parts, self.numbered.unknown, strict=True)
+        return [part for part, each in both if any(number.field == "arc_length" for number in each.sought)]
+
+    def resting(self, shape: Equilibrium) -> State:
+        """The robot without the unknown loads, its points at the places next to them."""
+        places = nearest(self.experiment, shape, self.whitener, self.loss_of_points)
+        found = self.search.at(shape.unknowns, self.start, places, np.zeros(self.search.errors))
+        if found is None:
+            raise EstimationError("without the unknown loads the robot's shape cannot be compared with measurements")
+        return found
+
+    def likely(self, state: State) -> bool:
+        """Whether model and noise explain the residuals: else another place may, that the search has missed."""
+        from scipy.stats import chi2
+
+        return 2.0 * state.cost < float(chi2.isf(_UNLIKELY, len(state.misfit)))
+
+    def ways(self, state: State) -> Array:
+        """Directions in which the numbers may move, an orthonormal basis in their scales, as columns ``(k, n)``.
+
+        Bounds hold others: a force at one of its own, a normal force that is zero, or one on the cone of friction.
+        """
+        tangent, sought = state.tangent, self.search.sought
+        if tangent is None:
+            moving = sought.at_places | ((state.x > sought.lower) & (state.x < sought.upper))
+            tangent = np.eye(len(state.x))[:, moving]
+        return np.linalg.qr(tangent / self.search.sought.scale[:, None])[0]
+
+    def possible(self, free: Spread, x: Array) -> Spread:
+        """Deviations from ``x``, in its scales, that bounds and cones of friction allow, one after the other."""
+        sought = self.search.sought
+        at, lower, upper = (each / sought.scale for each in (x, sought.lower, sought.upper))
+        for part, each in zip(self.numbered.parts, self.numbered.unknown, strict=True):
+            if isinstance(each, PointForce) and each.friction is not None:
+                cone = within_cone(free.of(part), at[part], np.array(each.normal), each.friction)
+                free = free.given(part, cone)
+        for k in np.flatnonzero(self.confined):
+            part = slice(k, k + 1)
+            free = free.given(part, between(free.of(part), lower[k] - at[k], upper[k] - at[k]))
+        return free
+
+    @property
+    def confined(self) -> NDArray[np.bool_]:
+        """Which numbers, but for places, are bounded."""
+        sought = self.search.sought
+        return ~sought.at_places & (np.isfinite(sought.lower) | np.isfinite(sought.upper))
+
+    @property
+    def bounded(self) -> bool:
+        """Whether any is, or a force by a cone of friction."""
+        cones = any(isinstance(each, PointForce) and each.friction is not None for each in self.numbered.unknown)
+        return cones or bool(self.confined.any())
+
+    def contact(self, part: slice) -> PointForce:
+        """The contact whose numbers stand there."""
+        found = self.numbered.unknown[self.numbered.parts.index(part)]
+        assert isinstance(found, PointForce)
+        return found
+
+    def loads_at(self, x: Array) -> list[Load]:
+        """Known loads and those sought, with these numbers."""
+        return self.numbered.loads_at(self.experiment.loads, self.search.sought.mixing @ x)
+
+    def slopes_of(self, measurement: Measurement, state: State, steps: Callable[[], int]) -> Array:
+        """How another measurement, at given places, would follow loads and errors at a state: ``(numbers, k + q)``."""
+        experiment = attrs.evolve(self.experiment, measurements=(measurement,))
+        unknown, errors = self.numbered.unknown, self.errors
+        other = Case.of(self.robot, experiment, unknown, errors, "squared", self.compiled, steps, ())
+        found = other.search.at(state.z, state.x, np.zeros(0), state.e)
+        if found is None:
+            raise EstimationError("the model cannot be evaluated at the estimate")
+        return found.slopes
+
+    def whitener(self, measurement: Measurement) -> Array:
+        """By what a measurement's residuals are multiplied."""
+        return np.asarray(_whitener(self.loss)(measurement))
+
+    def loss_of_points(self, squared: Array) -> Array:
+        """Of the squared whitened distances of points."""
+        return self.search.seen.losses[3].evaluate(squared)[0]
+
+
+def _whitener(loss: str) -> Any:
+    return lambda measurement: measurement.isotropic if loss == "distance" else measurement.whitener
+
+
+def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tuple[Sought, Array]:
+    from scipy.linalg import block_diag
+
+    size = len(numbered.labels)
+    mean, forces = np.zeros(size), np.zeros(size)
+    scale, lower, upper = extent(robot, numbered, ends)
+    information = []
+    for k, (part, each) in enumerate(zip(numbered.parts, numbered.unknown, strict=True)):
+        if isinstance(each, DistributedForce) and each.smoothness is not None:
+            _check_smoothness(each, each.smoothness, scale[part], f"unknown[{k}].smoothness")
+        known = each.known_before
+        information.append(np.zeros((part.stop - part.start,) * 2) if known is None else known.information)
+        mean[part] = 0.0 if known is None else known.mean
+    for part in numbered.where("force") + numbered.where("normal_force"):
+        forces[part] = scale[part]
+    mixing = np.asarray(block_diag(*(each.mixing for each in numbered.unknown)))
+    at_places = np.zeros(size, dtype=bool)
+    for part in numbered.where("arc_length"):
+        at_places[part] = True
+    found = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, at_places, errors.spread)
+    return found, forces
+
+
+def _check_smoothness(force: DistributedForce, weight: float, scale: Array, field: str) -> None:
+    """Refuse weights under which rounding errors of the roughness hide what was measured."""
+    most = _STIFFEST / float(np.linalg.eigvalsh(force.roughness)[-1] * scale.max() ** 2)
+    if weight > most:
+        raise DefinitionError(
+            f"{field} = {weight:g} m^5/N^2 must be at most {most:.1e}: with less it is a straight line"
+        )
+
+
+def extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array, Array]:
+    """Scales and bounds of the numbers: the former follow from the robot's length, as do those of places."""
+    length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
+    size = len(numbered.labels)
+    scale, lower, upper = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
+    scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
+    scales["density"], scales["normal_force"] = scales["force"] / length, scales["force"]
+    for field, value in scales.items():
+        for part in numbered.where(field):
+            scale[part] = value
+    for part, each in zip(numbered.parts, numbered.unknown, strict=True):
+        lower[part], upper[part] = each.limits
+        if isinstance(each, PointForce) and each.arc_length is None:
+            at, first, last = part.stop - 1, _INSIDE * length, ends[each.tube] - _INSIDE * length
+            if lower[at] >= last:
+                raise DefinitionError(
+                    f"between = {each.between!r} is not on tube {each.tube}, which ends at {last:g} m"
+                )
+            lower[at], upper[at] = max(lower[at], first), min(upper[at], last)
+    return scale, lower, upper
+
+
+def tube_ends(robot: Robot, actuation: Actuation) -> Array:
+    """Where the tubes end, m."""
+    return np.asarray(np.array([tube.length for tube in robot.tubes]) + actuation.translations)
+
+
+def check_places(experiment: Experiment, ends: Array) -> None:
+    """Refuse measurements where no robot is, or not the tube that is meant."""
+    length = float(ends.max())
+    for k, measurement in enumerate(experiment.measurements):
+        for request in measurement.requests:
+            if isinstance(request.place, Somewhere):
+                continue
+            s = request.place if isinstance(request.place, float) else arc_length_of(request.place, ends)
+            end = length if request.tube is None or request.kind in ("torque", "force") else ends[request.tube]
+            if s < 0.0 or s > end + 1e-9 * length:
+                raise DefinitionError(
+                    f"measurements[{k}] is at s = {s:g} m, but what is measured reaches from 0 to {end:g} m there"
+                )

@@ -1,0 +1,177 @@
+"""A distributed force that is sought: a spline along a tube, as pieces of constant density for the model."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import attrs
+import numpy as np
+
+from ..checks import Array, number
+from ..errors import DefinitionError
+from ..loads import places
+from ..loads.wrenches import DistributedLoad, Load
+from .unknown import Gaussian, Sought, limits, vector, whole
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+_PIECES = 2  # of constant density, in every interval between knots
+_DEGREES = 2, 5
+
+
+def _coefficients(value: Any) -> int:
+    return whole(value, "coefficients", _DEGREES[0] + 1)
+
+
+def _degree(value: Any) -> int:
+    return whole(value, "degree", *_DEGREES)
+
+
+def _smoothness(value: Any) -> float | None:
+    return None if value is None else number(value, "smoothness", above=0.0, unit="m^5/N^2")
+
+
+@attrs.frozen(slots=False)
+class DistributedForce:
+    """A force along a tube, N/m, world frame: a spline ``f(s)`` with equally spaced knots.
+
+    It is known before to be smooth: ``-log p(f) = w / 2 * integral |f''(s)|^2 ds + const``, which a constant and a
+    linear ``f`` cost nothing.
+
+    Parameters
+    ----------
+    coefficients
+        Of the spline, for each axis; more than the degree.
+    start, end
+        Where it acts, m from the entry point; ``end=None``: the tube's distal end.
+    tube
+        The tube that is pressed.
+    degree
+        Of its polynomials, 2 to 5: 3 is a cubic spline.
+    smoothness
+        The weight ``w``, m^5/N^2. None: by marginal likelihood (evidence) in the linearized problem, the least weight
+        for which it is not below ``e^-2`` of the greatest, chosen anew with the steps of Gauss and Newton until both
+        agree.
+    prior
+        Mean and standard deviation of every coefficient, N/m, known before, as for :class:`TipForce`; the spline stays
+        between its least and largest coefficient. Default: nothing is known but that it is smooth. Forces along the
+        backbone hardly bend it: where they are left open a search may be long and end far out.
+    bounds
+        The least and the most of every coefficient, and so of the density, N/m, as for :class:`TipForce`.
+
+    Notes
+    -----
+    For the model the spline is replaced by pieces of constant density, two between knots, each the spline's mean over
+    it: so the pieces' total force is the spline's, and moments differ by the square of the pieces' length.
+
+    Examples
+    --------
+    >>> force = DistributedForce(coefficients=6, end=0.1)
+    >>> len(force.loads()), force.mixing.shape
+    (6, (18, 18))
+    """
+
+    coefficients: int = attrs.field(default=12, converter=_coefficients)
+    start: float = attrs.field(default=0.0, converter=places.start)
+    end: float | None = attrs.field(default=None, converter=places.end)
+    tube: int = attrs.field(default=0, converter=places.tube)
+    degree: int = attrs.field(default=3, converter=_degree)
+    smoothness: float | None = attrs.field(default=None, converter=_smoothness)
+    prior: Any = None
+    bounds: Any = None
+
+    def __attrs_post_init__(self) -> None:
+        places.check_interval(self.start, self.end)
+        if self.coefficients <= self.degree:
+            raise DefinitionError(f"coefficients = {self.coefficients} must be above the degree, {self.degree}")
+        _ = Gaussian.of(self.prior, "prior", 3), self.limits
+
+    def placed(self, ends: Array) -> DistributedForce:
+        """The same up to the tube's end, on a robot whose tubes end at ``ends``."""
+        end = float(ends[self.tube])
+        if self.start >= end or (self.end is not None and self.end > end):
+            raise DefinitionError(
+                f"a distributed force from {self.start:g} to {self.end or end:g} m is not on tube {self.tube}, which "
+                f"ends at {end:g} m"
+            )
+        return self if self.end is not None else attrs.evolve(self, end=end)
+
+    @cached_property
+    def spline(self) -> BSpline[np.float64]:
+        """The basis: all splines with one coefficient that is one, ``(coefficients,)`` at a place."""
+        from scipy.interpolate import BSpline
+
+        inner = np.linspace(self.start, self._end, self.coefficients - self.degree + 1)
+        knots = np.concatenate(([self.start] * self.degree, inner, [self._end] * self.degree))
+        return BSpline(knots, np.eye(self.coefficients), self.degree, extrapolate=False)
+
+    @property
+    def _end(self) -> float:
+        if self.end is None:
+            raise DefinitionError("end = None: where the tube ends is not known before the robot's actuation is")
+        return self.end
+
+    @cached_property
+    def _edges(self) -> Array:
+        return np.linspace(self.start, self._end, _PIECES * (self.coefficients - self.degree) + 1)
+
+    def loads(self) -> list[Load]:
+        """The pieces, without force."""
+        both = zip(self._edges[:-1].tolist(), self._edges[1:].tolist(), strict=True)
+        return [DistributedLoad(np.zeros(3), start=start, end=end, tube=self.tube) for start, end in both]
+
+    @property
+    def sought(self) -> tuple[Sought, ...]:
+        """The coefficients, three numbers each."""
+        return tuple(Sought(0, "density", 3, vector(f"force_density[{k}]")) for k in range(self.coefficients))
+
+    @property
+    def taken(self) -> list[tuple[int, str]]:
+        """Densities of the pieces."""
+        return [(k, "force") for k in range(len(self._edges) - 1)]
+
+    @cached_property
+    def mixing(self) -> Array:
+        """Means of the spline over the pieces, by its coefficients."""
+        integrals = np.diff(self.spline.antiderivative()(self._edges), axis=0)
+        return np.asarray(np.kron(integrals / np.diff(self._edges)[:, None], np.eye(3)), dtype=np.float64)
+
+    @cached_property
+    def resultant(self) -> Array:
+        """The total force ``(3, 3 coefficients)``."""
+        whole_spline = np.diff(self.spline.antiderivative()([self.start, self._end]), axis=0)
+        return np.asarray(np.kron(whole_spline, np.eye(3)), dtype=np.float64)
+
+    @cached_property
+    def roughness(self) -> Array:
+        """The integral of ``|f''|^2`` as a quadratic form of the coefficients."""
+        nodes, weights = np.polynomial.legendre.leggauss(self.degree)
+        knots = np.unique(self.spline.t)
+        half = 0.5 * np.diff(knots)[:, None]
+        s, weights = (knots[:-1, None] + half * (1.0 + nodes)).ravel(), (half * weights).ravel()
+        second = self.spline.derivative(2)(s)
+        return np.asarray(np.kron(second.T @ (weights[:, None] * second), np.eye(3)), dtype=np.float64)
+
+    @property
+    def known_before(self) -> Gaussian:
+        """The prior, and that it is smooth, where it is given how much."""
+        own = Gaussian.of(self.prior, "prior", 3)
+        mean, information = (np.zeros(3), np.zeros((3, 3))) if own is None else (own.mean, own.information)
+        count = self.coefficients
+        information = np.asarray(np.kron(np.eye(count), information), dtype=np.float64)
+        if self.smoothness is not None:
+            information += self.smoothness * self.roughness
+        return Gaussian(np.tile(mean, count), information)
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The bounds of every coefficient."""
+        lower, upper = limits(self.bounds, "bounds", 3)
+        return np.tile(lower, self.coefficients), np.tile(upper, self.coefficients)
+
+    @property
+    def place(self) -> None:
+        """No one place."""
+        return

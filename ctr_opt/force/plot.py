@@ -1,0 +1,146 @@
+"""An estimate of loads as a figure: the shape with its band, and how well the loads are known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..checks import Array
+from ..estimation.measurements import BackboneMeasurement, PositionMeasurement
+from ..forward.plot import draw_backbone
+from .estimate import principal
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .estimate import ForceEstimate
+
+_INSIDE = 0.95  # probability of the bands and ellipses
+_PLANES = ((0, 2), (1, 2), (0, 1))
+_AXES = "xyz"
+_FORCE, _BAND = "#B2182B", "#4D4D4D"
+_PLACES = 41  # along the robot, of its band
+
+
+def figure_force(estimate: ForceEstimate) -> Figure:
+    """The shape with what was measured in two planes, the band of its positions, and how well the loads are known.
+
+    Below the shape the confidence ellipses of forces in three planes, and densities of distributed forces with bands.
+    """
+    from matplotlib.figure import Figure
+
+    points = [k for k in range(len(estimate.case.numbered.unknown)) if k not in estimate.distributed]
+    rows = 1 + bool(points) + len(estimate.distributed)
+    figure = Figure(figsize=(12.0, 0.6 + 3.4 * rows), layout="constrained")
+    grid = figure.add_gridspec(rows, 3, height_ratios=[1.2] + [1.0] * (rows - 1))
+    s = np.linspace(0.0, estimate.shape.length, _PLACES)
+    positions, covariances = estimate.position(s)
+    for column, plane in enumerate(((2, 0), (2, 1))):
+        ax = figure.add_subplot(grid[0, column])
+        _draw_shape(estimate, ax, plane)
+        _draw_band(ax, 1e3 * positions[:, plane], 1e6 * covariances[:, plane][:, :, plane])
+        if not column:
+            ax.legend(frameon=False, loc="best", fontsize=8)
+    _draw_width(figure.add_subplot(grid[0, 2]), s, covariances)
+    if points:
+        for column, plane in enumerate(_PLANES):
+            _draw_ellipses(estimate, figure.add_subplot(grid[1, column]), plane, points)
+    for row, number in enumerate(estimate.distributed, start=1 + bool(points)):
+        for column in range(3):
+            _draw_density(estimate, figure.add_subplot(grid[row, column]), number, column)
+    return figure
+
+
+def _factor(dimensions: int) -> float:
+    """Standard deviations from the mean to the edge of a band or an ellipse."""
+    from scipy.stats import chi2
+
+    return float(np.sqrt(chi2.ppf(_INSIDE, dimensions)))
+
+
+def _draw_shape(estimate: ForceEstimate, ax: Any, plane: tuple[int, int]) -> None:
+    shape = estimate.shape
+    draw_backbone(shape, ax, plane)
+    points = _measured(estimate)
+    if len(points):
+        ax.plot(*1e3 * points[:, plane].T, "o", ms=3.5, mfc="none", color="black", label="measured")
+    every = list(zip(np.atleast_2d(estimate.force), _where(estimate), strict=True))
+    longest = max(float(np.linalg.norm(force)) for force, _ in every)
+    for force, place in every:
+        start = 1e3 * shape.position(place)[list(plane)]
+        arrow = 300.0 * shape.length * force[list(plane)] / longest if longest else np.zeros(2)
+        ax.annotate("", start + arrow, start, arrowprops={"arrowstyle": "-|>", "color": _FORCE, "lw": 1.8})
+        ax.plot(*(start + arrow), ".", alpha=0.0)  # so that the axes hold it
+    ax.set(xlabel=f"{_AXES[plane[0]]} [mm]", ylabel=f"{_AXES[plane[1]]} [mm]")
+    ax.set_aspect("equal", adjustable="datalim")
+
+
+def _where(estimate: ForceEstimate) -> list[float]:
+    """Where each force is drawn: a distributed one in the middle of what it does."""
+    places = estimate.arc_length if len(estimate.case.numbered.unknown) > 1 else [estimate.arc_length]
+    found = []
+    for k, place in enumerate(places):
+        at = estimate.shape.length if place is None else place
+        if k in estimate.distributed:
+            s = estimate.stretch(k)
+            weights = np.linalg.norm(estimate.density(s, k)[0], axis=1)
+            at = float(weights @ s / weights.sum()) if weights.any() else float(s.mean())
+        found.append(at)
+    return found
+
+
+def _draw_band(ax: Any, points: Array, covariances: Array) -> None:
+    """Across the backbone in a plane, mm."""
+    along = np.gradient(points, axis=0)
+    across = np.stack((-along[:, 1], along[:, 0]), axis=1)
+    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
+    widths = _factor(1) * np.sqrt(np.einsum("ki,kij,kj->k", across, covariances, across))
+    edges = np.vstack((points + widths[:, None] * across, (points - widths[:, None] * across)[::-1]))
+    ax.fill(*edges.T, color=_BAND, alpha=0.3, lw=0.0, label="95 %")
+
+
+def _draw_width(ax: Any, s: Array, covariances: Array) -> None:
+    """How far the backbone may be off, along its arc length, in the direction in which it is known worst."""
+    widest = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, -1], 0.0))
+    ax.plot(1e3 * s, 1e3 * _factor(1) * widest, color=_BAND)
+    ax.set(xlabel="arc length [mm]", ylabel="position known to [mm], 95 %")
+    ax.set_ylim(bottom=0.0)
+
+
+def _draw_density(estimate: ForceEstimate, ax: Any, number: int, axis: int) -> None:
+    s = estimate.stretch(number)
+    density, errors = (each[:, axis] for each in estimate.density(s, number))
+    (line,) = ax.plot(1e3 * s, density, label="estimate")
+    width = _factor(1) * errors
+    ax.fill_between(1e3 * s, density - width, density + width, color=line.get_color(), alpha=0.2, lw=0.0, label="95 %")
+    ax.axhline(0.0, color="0.8", lw=0.6, zorder=0)
+    ax.set(xlabel="arc length [mm]", ylabel=f"force per length, {_AXES[axis]} [N/m]")
+    if not axis:
+        ax.legend(frameon=False, fontsize=8)
+
+
+def _measured(estimate: ForceEstimate) -> Array:
+    kinds = PositionMeasurement, BackboneMeasurement
+    found = [each.position for each in estimate.case.experiment.measurements if isinstance(each, kinds)]
+    return np.vstack(found) if found else np.zeros((0, 3))
+
+
+def _draw_ellipses(estimate: ForceEstimate, ax: Any, plane: tuple[int, int], numbers: list[int]) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    circle = _factor(2) * np.vstack((np.cos(angle), np.sin(angle)))
+    forces, covariances = np.atleast_2d(estimate.force), np.reshape(estimate.force_covariance, (-1, 3, 3))
+    for k in numbers:
+        force, covariance = forces[k], covariances[k]
+        deviations, vectors = principal(covariance[np.ix_(plane, plane)])
+        ring = (vectors * deviations) @ circle + force[list(plane), None]
+        name = "95 % confidence" if len(forces) == 1 else f"force {k}, 95 %"
+        (line,) = ax.plot(*ring, label=name)
+        ax.plot(*force[list(plane)], "+", color=line.get_color())
+    ax.axhline(0.0, color="0.8", lw=0.6, zorder=0)
+    ax.axvline(0.0, color="0.8", lw=0.6, zorder=0)
+    ax.set(xlabel=f"force {_AXES[plane[0]]} [N]", ylabel=f"force {_AXES[plane[1]]} [N]")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.locator_params(nbins=5)
+    if plane == _PLANES[0]:
+        ax.legend(frameon=False, fontsize=8)

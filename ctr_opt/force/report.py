@@ -1,0 +1,126 @@
+"""What an estimate of loads says, as text."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..calibration.report import unit_of
+
+if TYPE_CHECKING:
+    from .estimate import ForceEstimate
+    from .systematic import Systematic
+
+_MOST = 30.0  # characteristic sizes: a number with a larger standard deviation is not told
+_ROWS = 7  # places along a distributed force that are told
+
+
+def force_report(estimate: ForceEstimate) -> str:
+    """Loads with their errors, what is not known, consistency, other solutions, what would be mistaken for a force."""
+    numbers = estimate.case.experiment.numbers
+    lines = [f"Loads from {numbers} numbers measured", _row("residuals", _consistency(estimate))]
+    stable = {True: "stable", False: "UNSTABLE: no robot stays so", None: "stability not defined under these loads"}
+    shape = estimate.shape
+    tip = ", ".join(f"{1e3 * x:.3f}" for x in shape.tip_position)
+    lines.append(_row("shape", f"{stable[estimate.is_stable]}, tip at ({tip}) mm"))
+    lines += _numbers(estimate)
+    for number in estimate.distributed:
+        lines += _densities(estimate, number)
+    lines += _magnitudes(estimate)
+    lines += _places(estimate)
+    if estimate.undetermined:
+        lines += ["", "  Not determined:", *(f"    {each}" for each in estimate.undetermined)]
+    if estimate.alternatives:
+        lines += ["", "  Other solutions:"]
+        for other in estimate.alternatives:
+            values = ", ".join(f"{label} = {value:.4g}" for label, value in other.values.items())
+            lines.append(f"    {values} (loss {other.state.cost - estimate.state.cost:+.2f})")
+    lines += ["", "  Errors of the model look like forces until they are noticed (with 95 %):"]
+    lines += [f"    {each}" for each in _mistaken(estimate)]
+    return "\n".join(lines)
+
+
+def _row(name: str, value: str) -> str:
+    return f"  {name:<22}{value}"
+
+
+def _numbers(estimate: ForceEstimate) -> list[str]:
+    """A line for each number, but for those of distributed forces."""
+    spline = {k for part in estimate.case.numbered.where("density") for k in range(part.start, part.stop)}
+    lines = []
+    scales = estimate.case.search.sought.scale
+    every = zip(estimate.labels, estimate.estimates, estimate.deviations, scales, strict=True)
+    for k, (label, value, error, scale) in enumerate(every):
+        factor, unit = unit_of(label)
+        told = f"{factor * value:>12.4g}{factor * error:>11.2g}"
+        if error > _MOST * scale:
+            told = f"{'not determined':>23}"
+        if k not in spline:
+            lines.append(f"  {label:<22}{told}   {unit}")
+    return ["", f"  {'':<22}{'estimate':>12}{'+-':>11}   unit", *lines] if lines else []
+
+
+def _densities(estimate: ForceEstimate, number: int) -> list[str]:
+    """Of a distributed force, at some places."""
+    named = f"unknown[{number}], " if len(estimate.case.numbered.unknown) > 1 else ""
+    lines = ["", f"  {named + 'force per length [N/m]':<24}" + "".join(f"{axis:>11}{'+-':>9}" for axis in "xyz")]
+    shown = estimate.stretch(number, _ROWS)
+    most = _MOST * estimate.characteristic_force / estimate.case.search.length
+    for s, values, errors in zip(shown, *estimate.density(shown, number), strict=True):
+        both = zip(values, errors, strict=True)
+        told = [f"{x:>11.3g}{e:>9.2g}" if e < most else f"{'not determined':>20}" for x, e in both]
+        lines.append(f"    at {1e3 * s:6.1f} mm{'':<11}" + "".join(told))
+    return lines
+
+
+def _consistency(estimate: ForceEstimate) -> str:
+    if estimate.consistent is None:
+        return "nothing is left over to tell whether they are consistent"
+    verdict = "consistent with model and noise" if estimate.consistent else "NOT CONSISTENT with model and noise"
+    return (
+        f"{verdict}: chi-square {estimate.chi_squared:.1f} at {estimate.degrees_of_freedom} degrees of freedom "
+        f"(p = {estimate.p_value:.2g})"
+    )
+
+
+def _mistaken(estimate: ForceEstimate) -> list[Systematic]:
+    """Of each kind of systematic error the one that adds most force before it is noticed."""
+    worst: dict[str, Systematic] = {}
+    for each in estimate.systematic:
+        if each.kind not in worst or each.mimicked > worst[each.kind].mimicked:
+            worst[each.kind] = each
+    return list(worst.values())
+
+
+def _magnitudes(estimate: ForceEstimate) -> list[str]:
+    lines = []
+    forces, covariances = np.atleast_2d(estimate.force), np.reshape(estimate.force_covariance, (-1, 3, 3))
+    every = estimate.axes if len(forces) > 1 else [estimate.axes]
+    for k, (force, covariance, axes) in enumerate(zip(forces, covariances, every, strict=True)):
+        if axes[0].standard_deviation > _MOST * estimate.characteristic_force:
+            continue
+        size = float(np.linalg.norm(force))
+        unit = force / size if size else np.zeros(3)
+        name = "total" if k in estimate.distributed else "magnitude"
+        name += f" of {k}" if len(forces) > 1 else ""
+        lines += ["", _row(name, f"{size:.4g} +- {np.sqrt(unit @ covariance @ unit):.2g} N")]
+        for axis in (each for each in axes if each.standard_deviation):
+            told = ", ".join(f"{x:+.2f}" for x in axis.direction)
+            lines.append(_row("", f"sd {axis.standard_deviation:.2g} N along ({told})"))
+    return lines
+
+
+def _places(estimate: ForceEstimate) -> list[str]:
+    """Where contacts can be, and how likely other numbers of them are."""
+    sets = estimate.arc_length_set
+    if sets is None:
+        return []
+    every = sets if len(estimate.case.contacts) > 1 else [sets]
+    lines = [""]
+    for k, intervals in enumerate(every):
+        told = " or ".join(f"{1e3 * a:.1f} to {1e3 * b:.1f} mm" for a, b in intervals)
+        lines.append(_row("place, 95 %" if len(every) == 1 else f"place {k}, 95 %", told))
+    for row in estimate.evidence:
+        lines.append(_row(f"{row.contacts} contacts", f"loss {row.loss:.2f}, criterion (BIC) {row.criterion:.1f}"))
+    return lines

@@ -1,0 +1,88 @@
+"""What is known of the loads on a robot at one time of a stream."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from ..checks import Array
+from .case import Numbered
+
+
+@attrs.frozen(eq=False)
+class StreamedForce:
+    """The result of :meth:`ForceEstimator.update <ctr_opt.ForceEstimator.update>`.
+
+    Attributes
+    ----------
+    time
+        For which it stands, s: that of the newest sample, dropped ones included.
+    status
+        What became of the sample: ``"used"``; ``"late"``: sorted in among earlier ones; ``"dropped"``: there was
+        nothing to see; ``"too late"``: older than the horizon, kept out; ``"left out"``: no load explains it.
+    labels
+        A name for each number: the rows and columns of :attr:`covariance`.
+    estimates, covariance
+        Of all numbers, SI, ``(k,)`` and ``(k, k)``: by all samples up to ``time``.
+    chi_squared, degrees_of_freedom
+        Of the innovation: the squared distances of this sample from what was predicted, over their covariance. Not a
+        number and zero where the sample was not used.
+    window_times, window_estimates
+        Times of the samples in the horizon, s, ``(n,)``, and the numbers then, ``(n, k)``, by those after them, too.
+    """
+
+    time: float
+    status: str
+    labels: tuple[str, ...]
+    estimates: Array
+    covariance: Array
+    chi_squared: float
+    degrees_of_freedom: int
+    window_times: Array
+    window_estimates: Array
+    numbered: Numbered = attrs.field(repr=False)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The estimates by name."""
+        return dict(zip(self.labels, self.estimates.tolist(), strict=True))
+
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations of the numbers of :attr:`labels`, SI."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def force(self) -> Array:
+        """The force ``(3,)``, N, world frame; of several unknown loads ``(k, 3)``."""
+        found = np.array([rows @ self.estimates for rows in self.numbered.resultants])
+        return found if len(found) > 1 else np.asarray(found[0])
+
+    @property
+    def force_covariance(self) -> Array:
+        """Covariance of :attr:`force`, N^2: ``(3, 3)``, of several ``(k, 3, 3)``."""
+        found = np.array([rows @ self.covariance @ rows.T for rows in self.numbered.resultants])
+        return found if len(found) > 1 else np.asarray(found[0])
+
+    @property
+    def moment(self) -> Array | None:
+        """The moment at the tip ``(3,)``, N m; None where none is sought."""
+        found = [self.estimates[part] for part in self.numbered.where("moment")]
+        return found[0] if found else None
+
+    @property
+    def samples(self) -> int:
+        """How many samples are in the horizon."""
+        return len(self.window_times)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of an innovation so large; not a number where there is none."""
+        from scipy.stats import chi2
+
+        return float(chi2.sf(self.chi_squared, self.degrees_of_freedom)) if self.degrees_of_freedom else np.nan
+
+    def __repr__(self) -> str:
+        both = zip(self.values.items(), self.deviations, strict=True)
+        told = ", ".join(f"{label} = {x:.4g} +- {s:.2g}" for (label, x), s in both)
+        return f"<StreamedForce at {self.time:g} s, {self.status}: {told}>"

@@ -1,0 +1,392 @@
+"""Loads that are sought: forces and wrenches at the tip or along a tube, as loads and as numbers to be estimated.
+
+An unknown load says which loads stand for it, which of their numbers are unknown, and what is known of them before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, Self
+
+import attrs
+import numpy as np
+
+from ..checks import Array, array, index, number
+from ..errors import DefinitionError
+from ..loads.wrenches import Load, PointWrench
+
+_TIP = 0  # the tube that the tip belongs to, as far as loads are concerned: forces there are the same for all
+
+
+def _tube(value: Any) -> int:
+    return index(value, "tube")
+
+
+def _arc_length(value: Any) -> float | None:
+    return None if value is None else number(value, "arc_length", least=0.0, unit="m")
+
+
+def _normal(value: Any) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    given = array(value, "normal", (3,))
+    if not given.any():
+        raise DefinitionError("normal = [0, 0, 0] has no direction")
+    return tuple((given / np.linalg.norm(given)).tolist())
+
+
+def _friction(value: Any) -> float | None:
+    return None if value is None else number(value, "friction", least=0.0)
+
+
+def whole(value: Any, field: str, least: int, most: int | None = None) -> int:
+    """A whole number in a range."""
+    found = number(value, field, least=least, most=most)
+    if found != int(found):
+        raise DefinitionError(f"{field} = {value!r} must be a whole number")
+    return int(found)
+
+
+@attrs.frozen(eq=False)
+class Gaussian:
+    """A normal distribution: mean ``(n,)`` and inverse covariance ``(n, n)``, zero where nothing is known."""
+
+    mean: Array
+    information: Array
+
+    @classmethod
+    def of(cls, given: Any, field: str, size: int) -> Gaussian | None:
+        """From a pair of mean and standard deviation: numbers, one for each component, or a covariance."""
+        if given is None:
+            return None
+        if not isinstance(given, (tuple, list)) or len(given) != 2:
+            raise DefinitionError(f"{field} = {given!r} must be a pair: mean and standard deviation")
+        mean = _numbers(given[0], f"{field}: mean", size)
+        if np.ndim(given[1]) < 2:
+            deviations = _numbers(given[1], f"{field}: standard deviation", size)
+            if not (deviations > 0.0).all():
+                raise DefinitionError(f"{field}: the standard deviation {given[1]!r} must be positive")
+            return cls(mean, np.diag(1.0 / deviations**2))
+        spread = array(given[1], f"{field}: covariance", (None, None))
+        if spread.shape != (size, size) or np.linalg.eigvalsh(0.5 * (spread + spread.T))[0] <= 0.0:
+            raise DefinitionError(f"{field}: the covariance must be positive definite and of shape ({size}, {size})")
+        return cls(mean, np.asarray(np.linalg.inv(0.5 * (spread + spread.T)), dtype=np.float64))
+
+
+def _numbers(value: Any, field: str, size: int) -> Array:
+    """One number for all components, or one for each."""
+    return np.full(size, number(value, field)) if np.ndim(value) == 0 else array(value, field, (size,))
+
+
+def limits(given: Any, field: str, size: int, least: float = -np.inf) -> tuple[Array, Array]:
+    """Bounds ``(size,)`` from a pair: numbers, one for each component, or None, open; ``least``: none is below."""
+    if given is None:
+        return np.full(size, least), np.full(size, np.inf)
+    if not isinstance(given, (tuple, list)) or len(given) != 2:
+        raise DefinitionError(f"{field} = {given!r} must be a pair: the least and the most, None where it is open")
+    lower = np.full(size, least) if given[0] is None else _numbers(given[0], f"{field}: the least", size)
+    upper = np.full(size, np.inf) if given[1] is None else _numbers(given[1], f"{field}: the most", size)
+    if not (lower < upper).all() or (lower < least).any():
+        above = f", and the least at least {least:g}" if np.isfinite(least) else ""
+        raise DefinitionError(f"{field} = {given!r}: the least must be below the most{above}")
+    return lower, upper
+
+
+@attrs.frozen
+class Sought:
+    """Numbers of a load that are unknown: which of the unknown's loads, which field, how many, and names for them."""
+
+    load: int
+    field: str
+    size: int
+    labels: tuple[str, ...]
+
+
+class UnknownLoad(Protocol):
+    """What all unknown loads can tell."""
+
+    def loads(self) -> list[Load]:
+        """The loads that stand for it, at their start."""
+
+    @property
+    def sought(self) -> Sequence[Sought]:
+        """The numbers that are unknown, in their order."""
+
+    @property
+    def taken(self) -> Sequence[tuple[int, str]]:
+        """Which fields of which of its loads the model takes, in their order."""
+
+    @property
+    def mixing(self) -> Array:
+        """The numbers that the model takes, by those that are sought."""
+
+    @property
+    def resultant(self) -> Array:
+        """The total force ``(3, numbers)``, by those that are sought."""
+
+    @property
+    def known_before(self) -> Gaussian | None:
+        """What is known of them before anything was measured."""
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Their bounds, infinite where they are open."""
+
+    def placed(self, ends: Array) -> UnknownLoad:
+        """The same on a robot whose tubes end there."""
+
+    @property
+    def place(self) -> float | None:
+        """Where the load acts: an arc length, m, or None, the tip (or nobody knows)."""
+
+
+class _AsItStands:
+    """What unknown loads share whose numbers the model takes as they are sought."""
+
+    @property
+    def taken(self) -> list[tuple[int, str]]:
+        """Which fields of which of its loads the model takes."""
+        return [(number.load, number.field) for number in self.sought]  # type: ignore[attr-defined]
+
+    @property
+    def mixing(self) -> Array:
+        """Those numbers by those that are sought: the same."""
+        return np.eye(sum(number.size for number in self.sought))  # type: ignore[attr-defined]
+
+    @property
+    def resultant(self) -> Array:
+        """The force, which comes first."""
+        return np.eye(3, len(self.mixing))
+
+    def placed(self, ends: Array) -> Self:  # noqa: ARG002
+        """The same, wherever tubes end."""
+        return self
+
+
+def vector(name: str) -> tuple[str, ...]:
+    """Labels of its components."""
+    return tuple(f"{name}.{axis}" for axis in "xyz")
+
+
+@attrs.frozen
+class TipForce(_AsItStands):
+    """A force at the tip, world frame.
+
+    Parameters
+    ----------
+    prior
+        Mean and standard deviation, N, known before the measurements: numbers, one for each axis, or a covariance
+        ``(3, 3)`` in the place of the deviation. Default: nothing is known.
+    bounds
+        The least and the most, N: numbers, or one for each axis; None: open. They hold exactly.
+
+    Examples
+    --------
+    >>> TipForce(prior=(0.0, 0.5)).known_before.information.tolist()
+    [[4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0]]
+    """
+
+    prior: Any = None
+    bounds: Any = None
+
+    def __attrs_post_init__(self) -> None:
+        _ = self.known_before, self.limits
+
+    def loads(self) -> list[Load]:
+        """A point force."""
+        return [PointWrench(force=np.zeros(3))]
+
+    @property
+    def sought(self) -> tuple[Sought, ...]:
+        """The force."""
+        return (Sought(0, "force", 3, vector("force")),)
+
+    @property
+    def known_before(self) -> Gaussian | None:
+        """The prior."""
+        return Gaussian.of(self.prior, "prior", 3)
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The bounds."""
+        return limits(self.bounds, "bounds", 3)
+
+    @property
+    def place(self) -> None:
+        """The tip."""
+        return
+
+
+@attrs.frozen
+class TipWrench(_AsItStands):
+    """A force and a moment at the tip, world frame; the moment acts on the innermost tube.
+
+    Parameters
+    ----------
+    prior
+        Mean and standard deviation: numbers ``(6,)``, N and N m, or a covariance ``(6, 6)``.
+    bounds
+        The least and the most ``(6,)``, N and N m; None: open.
+
+    Examples
+    --------
+    >>> [number.field for number in TipWrench().sought]
+    ['force', 'moment']
+    """
+
+    prior: Any = None
+    bounds: Any = None
+
+    def __attrs_post_init__(self) -> None:
+        _ = self.known_before, self.limits
+
+    def loads(self) -> list[Load]:
+        """A point wrench."""
+        return [PointWrench(force=np.zeros(3), moment=np.zeros(3), tube=_TIP)]
+
+    @property
+    def sought(self) -> tuple[Sought, ...]:
+        """Force and moment."""
+        return Sought(0, "force", 3, vector("force")), Sought(0, "moment", 3, vector("moment"))
+
+    @property
+    def known_before(self) -> Gaussian | None:
+        """The prior."""
+        return Gaussian.of(self.prior, "prior", 6)
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The bounds."""
+        return limits(self.bounds, "bounds", 6)
+
+    @property
+    def place(self) -> None:
+        """The tip."""
+        return
+
+
+@attrs.frozen
+class PointForce(_AsItStands):
+    """A force at a place along a tube, world frame: a contact.
+
+    Parameters
+    ----------
+    arc_length
+        Where, m from the entry point; None: unknown, to be estimated.
+    tube
+        The tube that is pressed.
+    prior
+        Of the force, N, as for :class:`TipForce`.
+    normal
+        ``(3,)``, the direction in which a surface can push the robot, world frame, of any length: the force is
+        then no pull. None: it may be any.
+    friction
+        Coulomb's coefficient ``mu``, with a normal and a known place: the force across the normal is at most ``mu``
+        times that along it. None: none, the force is along the normal.
+    bounds
+        Of the force, as for :class:`TipForce`; of the push along a normal two numbers. Not with friction.
+    between
+        Where an unknown place can be: the least and the most, m.
+    place_prior
+        Mean and standard deviation of an unknown place, m, known before.
+
+    Notes
+    -----
+    Both hold exactly. Without friction the one number sought is the normal force, bounded by zero. With friction, where
+    the force is outside the cone without it, that of least loss on the cone's surface is taken. Covariances are mean
+    squared deviations of the forces that are possible, as likely as measured, from the estimate: a force at an edge of
+    what is possible is not known better for it.
+
+    Examples
+    --------
+    >>> PointForce().sought[-1].labels
+    ('arc_length',)
+    >>> PointForce(0.08, normal=[0.0, 2.0, 0.0]).sought[0].labels
+    ('normal_force',)
+    """
+
+    arc_length: float | None = attrs.field(default=None, converter=_arc_length)
+    tube: int = attrs.field(default=0, converter=_tube)
+    prior: Any = None
+    normal: Any = attrs.field(default=None, converter=_normal)
+    friction: float | None = attrs.field(default=None, converter=_friction)
+    bounds: Any = None
+    between: Any = None
+    place_prior: Any = None
+
+    def __attrs_post_init__(self) -> None:
+        _ = self.known_before, self.limits
+        for field in ("between", "place_prior"):
+            if getattr(self, field) is not None and self.arc_length is not None:
+                raise DefinitionError(f"{field} = {getattr(self, field)!r} is for an unknown place, not for arc_length")
+        if self.friction is not None and self.bounds is not None:
+            raise DefinitionError(f"bounds = {self.bounds!r} cannot be given with friction")
+        if self.friction is not None and (self.normal is None or self.arc_length is None):
+            raise DefinitionError(f"friction = {self.friction:g} needs a normal and the place, arc_length")
+
+    def loads(self) -> list[Load]:
+        """A point force, for now at the entry where nobody knows the place."""
+        return [PointWrench(force=np.zeros(3), arc_length=self.arc_length or 0.0, tube=self.tube)]
+
+    @property
+    def directions(self) -> Array:
+        """The force ``(3, n)``, by the numbers of it that are sought."""
+        return np.eye(3) if self.normal is None or self.friction is not None else np.array(self.normal)[:, None]
+
+    @property
+    def sought(self) -> tuple[Sought, ...]:
+        """The force, or its size along the normal, and, unless it is known, the place."""
+        along = self.directions.shape[1] == 1
+        force = Sought(0, "normal_force", 1, ("normal_force",)) if along else Sought(0, "force", 3, vector("force"))
+        return (force,) if self.arc_length is not None else (force, Sought(0, "arc_length", 1, ("arc_length",)))
+
+    @property
+    def taken(self) -> list[tuple[int, str]]:
+        """The force and, unless it is known, the place."""
+        return [(0, "force")] if self.arc_length is not None else [(0, "force"), (0, "arc_length")]
+
+    @property
+    def mixing(self) -> Array:
+        """Both, by the numbers that are sought."""
+        places = int(self.arc_length is None)
+        return np.block(
+            [
+                [self.directions, np.zeros((3, places))],
+                [np.zeros((places, self.directions.shape[1])), np.eye(places)],
+            ]
+        )
+
+    @property
+    def resultant(self) -> Array:
+        """The force, by the numbers that are sought."""
+        return self.mixing[:3]
+
+    @property
+    def known_before(self) -> Gaussian | None:
+        """The priors; of a place without one nothing is known but that it is on the tube."""
+        found, place = Gaussian.of(self.prior, "prior", 3), Gaussian.of(self.place_prior, "place_prior", 1)
+        if found is None and place is None:
+            return None
+        rows = self.resultant
+        mean, information = np.zeros(rows.shape[1]), np.zeros((rows.shape[1],) * 2)
+        if found is not None:
+            information = np.asarray(rows.T @ found.information @ rows)
+            mean = np.linalg.pinv(information) @ rows.T @ found.information @ found.mean
+        if place is not None:
+            mean[-1], information[-1, -1] = place.mean[0], place.information[0, 0]
+        return Gaussian(np.asarray(mean), information)
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The bounds, and where the place can be."""
+        size = self.directions.shape[1]
+        lower, upper = limits(self.bounds, "bounds", size, least=0.0 if size == 1 else -np.inf)
+        if self.arc_length is not None:
+            return lower, upper
+        first, last = limits(self.between, "between", 1, least=0.0)
+        return np.append(lower, first), np.append(upper, last)
+
+    @property
+    def place(self) -> float | None:
+        """Where it is known to act."""
+        return self.arc_length

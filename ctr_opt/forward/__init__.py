@@ -1,0 +1,1 @@
+"""The forward problem: from actuation and loads to the robot's shape."""

@@ -1,0 +1,381 @@
+"""Solves by compiled code: called through buffers, answers made into objects only as far as they are looked at."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from functools import cached_property
+from math import cos, sin
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from ..checks import Array, index
+from ..layout.configuration import Configuration
+from ..loads.wrenches import Load
+from ..native.calls import Goal, LoadRows, Native, RobotTable
+from ..robot.actuation import Actuation
+from ..robot.robot import Robot
+from ..solvers.accuracy import estimate_error_of_nodes
+from ..solvers.status import SolveStatus
+from ..transcription.shape import Shape
+from ..transcription.shooting import Nodes, Shooting
+from ..transcription.stability import SecondVariation
+from .equilibrium import BaseMoments, Equilibrium, Outcome
+from .settings import Settings
+
+_STEPS = 24  # room for so many steps in a result, until one needs more
+
+
+class CompiledProblem:
+    """A robot and settings before a compiled library: every call gives None where the slower way must be taken."""
+
+    def __init__(self, robot: Robot, settings: Settings, native: Native) -> None:
+        self.robot = robot
+        self.native = native
+        self._robot = RobotTable(robot)
+        self._address = self._robot.address
+        self._tubes = len(robot.tubes)
+        self.sizes = (native.header, native.start, native.unknowns, native.states)
+        self._size = native.size(_STEPS)
+        self._automatic = settings.formulation == "automatic"
+        self._tolerances = Goal(settings.tolerance, settings.compiled_residual)
+        self._goal = ctypes.addressof(self._tolerances)
+        self._mine = threading.local()
+
+    def solve(
+        self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium | None
+    ) -> CompiledEquilibrium | None:
+        """An equilibrium from another one, or from nothing."""
+        begin = perf_counter()
+        start = None if initial is None else self._start(initial)
+        rows, inputs = self._inputs(actuation, loads)
+        if rows is None or (start is None and initial is not None):
+            return None
+        while True:
+            numbers = (ctypes.c_double * self._size)()  # made and located much faster than an array
+            address = ctypes.addressof(numbers)
+            if start is None:
+                failed = self.native.cold(self._address, rows.address, inputs, self._goal, address, self._size)
+            else:
+                failed = self.native.warm(self._address, rows.address, inputs, start, self._goal, address, self._size)
+            if not failed:
+                found = CompiledEquilibrium(self, actuation, loads, numbers, address, perf_counter() - begin)
+                return None if start is None and self.left(found) else found
+            if failed != Native.TOO_SMALL:
+                return None
+            self._size = 2 * int(numbers[Native.NEEDED])
+
+    def knows(self, loads: tuple[Load, ...]) -> bool:
+        """Whether there is compiled code for all of the loads."""
+        return self._rows(loads) is not None
+
+    def left(self, found: CompiledEquilibrium) -> bool:
+        """Whether an answer is not good enough for a cold start: it is unstable, and there are other ways to go."""
+        return bool(found.cold and self._automatic and found.unstable_directions)
+
+    def _start(self, initial: Equilibrium) -> int | None:
+        """Address of the numbers that a solve starts from; None where it cannot start from this equilibrium."""
+        if isinstance(initial, CompiledEquilibrium):
+            return initial.start if initial.sizes[2] == self.native.unknowns else None
+        jacobian = initial.shooting_jacobian
+        if jacobian is None or len(jacobian) != self.native.unknowns:
+            return None
+        configuration = initial.configuration
+        scales = configuration.scales
+        unknowns = initial.last_iterate.unknowns(scales, configuration.kind.live)
+        block = np.concatenate((unknowns, jacobian.ravel(), np.zeros_like(unknowns), [scales.moment, scales.force]))
+        self._mine.block = block  # kept until the solve is over
+        return int(block.ctypes.data)
+
+    def batch(self, actuations: Array, loads: list[tuple[Load, ...]]) -> CompiledBatch | None:
+        """Many rows of actuations and loads; None where there are loads that the compiled solver does not know."""
+        tables: dict[int, LoadRows] = {}
+        for each in loads:
+            if id(each) not in tables:
+                table = LoadRows.of(self.robot, each)
+                if table is None:
+                    return None
+                tables[id(each)] = table
+        return CompiledBatch(self, np.ascontiguousarray(actuations), loads, tables)
+
+    def derive(self, of: CompiledEquilibrium, tube: int) -> tuple[Array, Array] | None:
+        """The tip's pose rates with actuation ``(6, 2n)`` and with a wrench at the tip of a tube ``(6, 6)``."""
+        rows, inputs = self._inputs(of.actuation, of.loads)
+        assert rows is not None
+        jacobian, compliance = np.empty((6, 2 * self._tubes)), np.empty((6, 6))
+        refinements = int(of._numbers[Native.REFINEMENTS])
+        outputs = (refinements, tube, jacobian.ctypes.data, compliance.ctypes.data)
+        failed = self.native.derive(self._address, rows.address, inputs, of.start, *outputs)
+        return None if failed else (jacobian, compliance)
+
+    def inspect(self, of: CompiledEquilibrium) -> tuple[Array, float] | None:
+        """The exact Jacobian of the tip conditions, and the estimated error over the length."""
+        rows, inputs = self._inputs(of.actuation, of.loads)
+        assert rows is not None
+        k = self.native.unknowns
+        out = np.empty(k * k + 1)
+        failed = self.native.inspect(self._address, rows.address, inputs, of.address, out.ctypes.data)
+        return None if failed else (out[:-1].reshape(k, k), float(out[-1]))
+
+    def stability(self, of: CompiledEquilibrium) -> SecondVariation | None:
+        """The second variation of the potential energy; None where the slower way must be taken."""
+        rows, inputs = self._inputs(of.actuation, of.loads)
+        assert rows is not None
+        margin = ctypes.c_double()
+        negative = self.native.stability(self._address, rows.address, inputs, of.address, margin)
+        return None if negative < 0 else SecondVariation(negative, margin.value > 0.0, abs(margin.value))
+
+    def _inputs(self, actuation: Actuation, loads: tuple[Load, ...]) -> tuple[LoadRows | None, int]:
+        """Loads as rows and the address of the actuation."""
+        mine = self._mine.__dict__
+        rows = self._rows(loads)
+        if "actuation" not in mine:
+            mine["actuation"] = np.empty(2 * self._tubes)
+            mine["address"] = mine["actuation"].ctypes.data
+        inputs = mine["actuation"]
+        inputs[: self._tubes] = actuation.rotations
+        inputs[self._tubes :] = actuation.translations
+        return rows, mine["address"]
+
+    def _rows(self, loads: tuple[Load, ...]) -> LoadRows | None:
+        """Loads as rows, made anew when they are others than last time."""
+        mine = self._mine.__dict__
+        if mine.get("loads") != loads:
+            mine["rows"], mine["loads"] = LoadRows.of(self.robot, loads), loads
+        rows: LoadRows | None = mine["rows"]
+        return rows
+
+
+class CompiledBatch:
+    """Many rows before a compiled solver, and the room for their results."""
+
+    def __init__(
+        self, problem: CompiledProblem, actuations: Array, loads: list[tuple[Load, ...]], tables: dict[int, LoadRows]
+    ) -> None:
+        count, size = len(actuations), problem._size
+        self._problem, self._actuations, self._loads, self._tables = problem, actuations, loads, tables
+        self._addresses = np.array([tables[id(each)].address for each in loads], dtype=np.uintp)
+        self._numbers, self._failed = np.empty((count, size)), np.empty(count, dtype=np.intc)
+
+    def solve(self, first: int, before: Equilibrium | None, chained: bool) -> list[CompiledEquilibrium | None]:
+        """The equilibria of the rows from ``first`` on, up to one that must take the slower way: None.
+
+        Rows that are not ``chained`` are all there, with None for each that must take the slower way. So must a chain's
+        cold start, as its stability is to be known before it is followed.
+        """
+        problem, count = self._problem, len(self._actuations) - first
+        start = None if before is None else problem._start(before)
+        if start is None and (chained or before is not None):
+            return [None] * (1 if chained else count)
+        actuations, numbers, failed = self._actuations[first:], self._numbers[first:], self._failed[first:]
+        begin, size = perf_counter(), numbers.shape[1]
+        case = (problem._address, self._addresses[first:].ctypes.data, actuations.ctypes.data, count)
+        address, goal = numbers.ctypes.data, problem._goal
+        done = problem.native.many(*case, start, chained, goal, address, size, failed.ctypes.data)
+        seconds, tubes = (perf_counter() - begin) / max(done, 1), actuations.shape[1] // 2
+        cold, lost = numbers[:done, Native.COLD].tolist(), failed[:done].tolist()
+        found: list[CompiledEquilibrium | None] = []
+        for k, row in enumerate(actuations[:done]):
+            actuation, loads = (row[:tubes], row[tubes:]), self._loads[first + k]
+            each = CompiledEquilibrium(problem, actuation, loads, numbers[k], address + 8 * size * k, seconds)
+            found.append(None if lost[k] or (cold[k] and problem.left(each)) else each)
+        return found
+
+
+class CompiledEquilibrium(Equilibrium):
+    """An equilibrium whose parts are made of the compiled solver's numbers when they are asked for."""
+
+    def __init__(
+        self,
+        problem: CompiledProblem,
+        actuation: Actuation | tuple[Array, Array],
+        loads: tuple[Load, ...],
+        numbers: Array | ctypes.Array[ctypes.c_double],
+        address: int,
+        solve_time: float,
+    ) -> None:
+        self._problem: CompiledProblem | None = problem
+        self._robot, self._actuation, self._loads = problem.robot, actuation, loads
+        self._held = numbers
+        self._time = solve_time
+        self.sizes = problem.sizes
+        self._last = None
+        self._rates: dict[int, tuple[Array, Array] | None] = {}
+        self.address = address
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_problem": None, "_held": self._numbers}  # the library is of this process
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.address = self._numbers.ctypes.data
+
+    @cached_property
+    def _numbers(self) -> Array:
+        return np.asarray(self._held)
+
+    @property
+    def start(self) -> int:
+        """Address of the block that another solve may start from."""
+        return self.address + 8 * self.sizes[0]
+
+    @property
+    def cold(self) -> bool:
+        """Whether it was found from nothing."""
+        return bool(self._numbers[Native.COLD])
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self._robot
+
+    @property
+    def actuation(self) -> Actuation:
+        """Its actuation."""
+        if isinstance(self._actuation, tuple):
+            self._actuation = Actuation(*self._actuation)
+        return self._actuation
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """The loads on it."""
+        return self._loads
+
+    @property
+    def status(self) -> SolveStatus:
+        """How the solve ended."""
+        return SolveStatus.CONVERGED
+
+    @property
+    def length(self) -> float:
+        """Arc length from the entry point to the tip, m."""
+        return float(self._numbers[Native.LENGTH])
+
+    @cached_property
+    def _configuration(self) -> Configuration:  # type: ignore[override]
+        return Configuration(self.robot, self.actuation, self.loads)
+
+    @property
+    def _block(self) -> Array:
+        header, start, _, _ = self.sizes
+        return self._numbers[header : header + start]
+
+    @property
+    def unknowns(self) -> Array:
+        """Moments and force at the base: see :attr:`Differentiable.unknowns`."""
+        z, (moment, force) = self._block[: self.sizes[2]], self._block[-2:]
+        moments = 2 + len(self.robot.tubes)
+        return np.concatenate((z[:moments] * moment, z[moments:] * force))
+
+    @cached_property
+    def _base(self) -> BaseMoments:  # type: ignore[override]
+        unknowns = self.sizes[2]
+        return BaseMoments.of(self._block[:unknowns], self._configuration.scales, len(self.robot.tubes))
+
+    @cached_property
+    def _outcome(self) -> Outcome:  # type: ignore[override]
+        jacobian, error = self._inspected
+        return Outcome(
+            SolveStatus.CONVERGED,
+            "homotopy" if self.cold else "newton from initial",
+            iterations=int(self._numbers[Native.ITERATIONS]),
+            solve_time=self._time,
+            residual_norm=float(self._numbers[Native.RESIDUAL]),
+            discretization_error=error * self.length,
+            jacobian=jacobian,
+        )
+
+    @cached_property
+    def _inspected(self) -> tuple[Array, float]:
+        """What a solve leaves for later: the Jacobian and the estimated error, of which it only needs a bound."""
+        found = None if self._problem is None else self._problem.inspect(self)
+        if found is not None:
+            return found
+        configuration, shape = self._configuration, self._solved_shape
+        shooting = Shooting(configuration, shape.mesh)
+        z = self._base.unknowns(configuration.scales, configuration.kind.live)
+        estimate, solution = estimate_error_of_nodes(shooting, z, shape.nodes)
+        return solution.jacobian, estimate.error
+
+    @cached_property
+    def _solved_shape(self) -> Shape:  # type: ignore[override]
+        header, start, _, states = self.sizes
+        steps = int(self._numbers[Native.STEPS])
+        blocks = np.split(self._numbers[header + start :], np.cumsum((2 * steps, states * (steps + 1), states * steps)))
+        right, left = (block.reshape(-1, states).T for block in blocks[1:3])
+        return Shape(self._configuration, blocks[0].reshape(steps, 2), Nodes(right[:, :steps], left, right[:, steps]))
+
+    def jacobian(self, s: float | None = None, side: int = 1) -> Array:
+        """Derivative of the pose by actuation: see :meth:`Differentiable.jacobian`."""
+        found = self._tip_rates(self._innermost_at_tip) if s is None and side in (1, -1) else None
+        return super().jacobian(s, side) if found is None else found[0]
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether derivatives have sides: see :attr:`Equilibrium.one_sided`."""
+        return self._problem is not None and self._tip_rates(self._innermost_at_tip) is None
+
+    def compliance(self, s: float | None = None, load_at: float | None = None, tube: int = 0) -> Array:
+        """Derivative of the pose by a wrench: see :meth:`Differentiable.compliance`."""
+        found = self._tip_rates(index(tube, "tube", len(self.robot.tubes))) if s is load_at is None else None
+        return super().compliance(s, load_at, tube) if found is None else found[1]
+
+    def _tip_rates(self, tube: int) -> tuple[Array, Array] | None:
+        """Both at the tip, where this tube ends there; None where the slower way must be taken."""
+        if tube not in self._rates:
+            self._rates[tube] = None if self._problem is None else self._problem.derive(self, tube)
+        return self._rates[tube]
+
+    @cached_property
+    def _second_variation(self) -> SecondVariation | None:
+        if any(load.nonconservative for load in self.loads):
+            return None
+        found = None if self._problem is None else self._problem.stability(self)
+        return found or self._solved_shape.second_variation
+
+    @cached_property
+    def _tip_state(self) -> Array:
+        """The state before any load at the tip, positions over the length."""
+        header, start, _, states = self.sizes
+        steps = int(self._numbers[Native.STEPS])
+        first = header + start + 2 * steps + states * steps
+        return self._numbers[first : first + states]
+
+    @cached_property
+    def tip_position(self) -> Array:
+        """Position at ``s = length``, m, world frame."""
+        return self._tip_state[:3] * self.length
+
+    @cached_property
+    def tip_pose(self) -> Array:
+        """``pose(length)``: the tip's frame in the world, 4 x 4."""
+        orientation, angles = 3, 7
+        state = self._tip_state[: angles + len(self.robot.tubes)].tolist()
+        pose = np.eye(4)
+        pose[:3, :3] = _turned(state[orientation:angles], state[angles + self._innermost_at_tip])
+        pose[:3, 3] = self.tip_position
+        return pose
+
+    @property
+    def _innermost_at_tip(self) -> int:
+        """The innermost tube that ends at ``length``."""
+        tubes, shifts = self.robot.tubes, self.actuation.translations.tolist()
+        ends = [tube.length + shift for tube, shift in zip(tubes, shifts, strict=True)]
+        return ends.index(max(ends))
+
+
+def _turned(quaternion: list[float], angle: float) -> Array:
+    """``R(q) Rz(angle)`` of a quaternion of any length."""
+    w, x, y, z = quaternion
+    c, s = cos(0.5 * angle), sin(0.5 * angle)
+    w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+    k = 2.0 / (w * w + x * x + y * y + z * z)
+    return np.array(
+        [
+            [1.0 - k * (y * y + z * z), k * (x * y - w * z), k * (x * z + w * y)],
+            [k * (x * y + w * z), 1.0 - k * (x * x + z * z), k * (y * z - w * x)],
+            [k * (x * z - w * y), k * (y * z + w * x), 1.0 - k * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,152 @@
+"""The solved forward problem as a differentiable CasADi function, for programs of the user's own.
+
+Break points are sorted inside, so that tubes may pass each other; Newton's method is CasADi's ``rootfinder``, whose
+derivatives follow from the implicit-function theorem. A rootfinder may end without a root and even call a residual of
+NaN a success, so that everything it returns is checked: outputs are the robot's, or NaN.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..checks import Array
+from ..mechanics.fields import material_frame
+from ..mechanics.state import State, slices
+from ..robot.names import Parameter, chosen, parameters
+from ..transcription.parametric_problem import Discretized, ParametricProblem, Swept
+from .sensitivity import Solved
+
+_NEWTON = {
+    "abstol": 1e-10,
+    "max_iter": 30,
+    "error_on_fail": False,
+    "show_eval_warnings": False,
+}
+_ACCEPTED = 1e-8  # scaled residual: of flexible robots rounding errors alone leave more than ``abstol``
+_SLACK = 1e-6  # of the length: optimizers overstep their bounds a little
+
+
+def identifier(name: str) -> str:
+    """A parameter's name as that of a function's input: ``loads[0].force`` becomes ``loads_0_force``.
+
+    >>> identifier("tubes[0].precurvature[1].length")
+    'tubes_0_precurvature_1_length'
+    """
+    return re.sub(r"\W+", "_", name)
+
+
+def forward_map(solved: Solved, wrt: Sequence[str], along: Array, steps: int | None) -> ca.Function:
+    """The function that ``ForwardProblem.function`` describes."""
+    own = solved.configuration
+    selected = chosen(parameters(own.robot, own.actuation, own.loads), wrt)
+    problem = ParametricProblem(own, selected, solved.integrator, along.tolist(), clip=True)
+    order = problem.sorted()
+    cuts = np.linspace(0.0, 1.0, (solved.steps if steps is None else steps) + 1)
+    model = _Model(Discretized(problem, order, [cuts] * order.sections), len(solved.z))
+    inputs = [ca.MX.sym(identifier(each.name), *_size(each)) for each in selected]
+    start = ca.MX.sym("initial", model.unknowns)
+    unit = own.scales.unknowns(own.tube_count, own.kind.live)
+    values, norm = model.solved()(ca.vertcat(*(ca.vec(symbol.T) for symbol in inputs)), start / unit)
+    sizes = {"tip_position": (3, 1), "tip_rotation": (3, 3), "positions": (3, len(along))}
+    rows = slices({name: rows * columns for name, (rows, columns) in sizes.items()} | {"unknowns": model.unknowns})
+    told = {name: ca.reshape(values[rows[name]], size) for name, size in sizes.items() if size[1]}
+    told |= {"unknowns": values[rows["unknowns"]] * unit, "residual_norm": norm}
+    names = [*(symbol.name() for symbol in inputs), "initial"]
+    return ca.Function("forward", [*inputs, start], list(told.values()), names, list(told))
+
+
+class _Model:
+    """Outputs and residual as functions of unknowns and parameters, and the root with its derivatives."""
+
+    def __init__(self, discretized: Discretized, unknowns: int) -> None:
+        self.discretized = discretized
+        self.problem = discretized.problem
+        self.unknowns = unknowns
+        self.count = int(self.problem.theta.shape[0])
+        z, theta = ca.MX.sym("z", unknowns), ca.MX.sym("theta", self.count)
+        swept = discretized.swept(z, theta)
+        margin = ca.Function("margin", [self.problem.theta], [self.problem.parametric.margin])(theta)
+        self.all = ca.Function("all", [z, theta], [_outputs(self.problem, swept), swept.residual, margin])
+
+    def solved(self) -> ca.Function:
+        """``(theta, initial) -> (outputs and unknowns, or NaN; norm of the residual)``."""
+        theta, start = ca.MX.sym("theta", self.count), ca.MX.sym("initial", self.unknowns)
+        z = self._root()(start, theta)
+        values, residual, margin = self.all(z, theta)
+        norm = ca.norm_2(residual)  # not norm_inf, which passes over NaN
+        good = ca.logic_and(norm <= _ACCEPTED, margin >= -_SLACK * self.problem.configuration.length)
+        outputs: list[Any] = [ca.if_else(good, ca.vertcat(values, z), np.nan), norm]
+        options: dict[str, Any] = {
+            "custom_jacobian": self._jacobian(int(outputs[0].shape[0])),
+            "enable_forward": False,
+            "enable_reverse": False,
+            "never_inline": True,
+        }
+        return ca.Function("solved", [theta, start], outputs, ["theta", "initial"], ["values", "norm"], options)
+
+    def _jacobian(self, size: int) -> ca.Function:
+        """The derivatives of ``solved`` by the implicit-function theorem, at the unknowns among its values.
+
+        That of the rootfinder would solve once more, and its second derivatives take a hundred times as long.
+        """
+        theta, start = ca.MX.sym("theta", self.count), ca.MX.sym("initial", self.unknowns)
+        values, norm = ca.MX.sym("values", size), ca.MX.sym("norm")
+        both = ca.MX.sym("both", self.unknowns + self.count)
+        outputs, residual, _ = self.all(both[: self.unknowns], both[self.unknowns :])
+        slopes = ca.Function("slopes", [both], [ca.jacobian(ca.vertcat(outputs, residual), both)])
+        jacobian = slopes(ca.vertcat(values[-self.unknowns :], theta))
+        rows = size - self.unknowns
+        moved = -ca.solve(jacobian[rows:, : self.unknowns], jacobian[rows:, self.unknowns :])
+        first = ca.vertcat(jacobian[:rows, self.unknowns :] + jacobian[:rows, : self.unknowns] @ moved, moved)
+        return ca.Function(
+            "jac_solved",
+            [theta, start, values, norm],
+            [first, ca.MX(size, self.unknowns), ca.MX(1, self.count), ca.MX(1, self.unknowns)],
+            ["theta", "initial", "out_values", "out_norm"],
+            ["jac_values_theta", "jac_values_initial", "jac_norm_theta", "jac_norm_initial"],
+        )
+
+    def _root(self) -> ca.Function:
+        """``(initial, theta) -> z``; the data are made once and not in every iteration."""
+        z, start, theta = (ca.MX.sym("z", size) for size in (self.unknowns, self.unknowns, self.count))
+        columns, entry, *_ = self.discretized.data(theta)
+        data = ca.MX.sym("data", columns.numel() + entry.numel())
+        _, after, _ = self.discretized.sweep(
+            z, data[columns.numel() :], ca.reshape(data[: columns.numel()], columns.shape)
+        )
+        residual = after[self.problem.functions.tip_rows, -1]
+        finder = ca.rootfinder("equilibrium", "newton", {"x": z, "p": data, "g": residual}, _NEWTON)
+        return ca.Function("root", [start, theta], [finder(start, ca.vertcat(ca.vec(columns), entry))])
+
+
+def _size(parameter: Parameter) -> tuple[int, int]:
+    rows, *columns = parameter.value.shape or (1,)
+    return int(rows), int(columns[0]) if columns else 1
+
+
+def _outputs(problem: ParametricProblem, swept: Swept) -> Any:
+    """Position and rotation of the tip, positions along the robot, in one column."""
+    configuration = problem.configuration
+    tubes, length = configuration.tube_count, configuration.scales.length
+    tip = State.split(swept.left[:, -1], tubes)
+    angle = ca.dot(_tube_at_tip(problem, swept), tip.angles)
+    found = [tip.position * length, ca.vec(material_frame(tip.orientation, angle))]
+    if swept.weights.shape[1]:
+        found.append(ca.vec((swept.right @ swept.weights)[State.parts(tubes)["position"], :]) * length)
+    return ca.vertcat(*found)
+
+
+def _tube_at_tip(problem: ParametricProblem, swept: Swept) -> Any:
+    """One for the innermost tube that ends at the tip, zero for the others."""
+    parametric = problem.parametric
+    ends = [parametric.points[parametric.tube_end(i)] for i in range(parametric.tubes)]
+    taken, weights = ca.SX(0), []
+    for end in ends:
+        weights.append(ca.if_else(taken, 0, end >= parametric.length))
+        taken = ca.logic_or(taken, weights[-1])
+    return ca.Function("at_tip", [problem.theta], [ca.vertcat(*weights)])(swept.theta)

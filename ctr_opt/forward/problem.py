@@ -1,0 +1,405 @@
+"""The forward problem: from actuation and loads to the robot's shape."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..checks import array, choice, flag, number
+from ..errors import DefinitionError, SolveError
+from ..layout.configuration import Configuration
+from ..loads.wrenches import LOADS, Load
+from ..native.library import library
+from ..robot.actuation import Actuation
+from ..robot.robot import Robot
+from ..solvers.ipopt import Ipopt
+from ..solvers.status import SolveStatus
+from ..transcription.integrators import INTEGRATORS
+from ..transcription.schemes import Collocation, MultipleShooting, Transcription
+from .batch import Batch, rows_of_actuations, rows_of_loads
+from .compiled import CompiledProblem
+from .equilibrium import BaseMoments, Equilibrium, Outcome
+from .function import forward_map
+from .settings import METHOD_NAMES, METHODS, Method, Settings
+from .ways import Run
+
+
+class ForwardProblem:
+    """The shape of a robot under actuation and loads.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    formulation
+        ``"automatic"``: homotopy from the straight robot and, where its path ends or leads to an unstable equilibrium,
+        minimum energy;
+        ``"equilibrium"``: the Cosserat equations alone; ``"energy"``: minimum potential energy by IPOPT, which yields
+        a stable shape and takes conservative loads only.
+    method
+        For ``"equilibrium"``: ``Homotopy(...)`` (default) or ``Newton(...)`` from zero, which shoot, or ``Ipopt(...)``,
+        which solves a transcription (default where one is given); for ``"energy"``: ``Ipopt(...)``. Or its name,
+        ``"homotopy"``, ``"newton"``, ``"ipopt"``. With ``"automatic"`` a method of another formulation chooses that
+        one.
+    tolerance
+        Largest accepted estimated position error divided by the length, 1e-11 to 1e-2; everything else follows from it.
+    integrator
+        Runge-Kutta method of single and multiple shooting: ``"RK8"``, ``"RK5"``, ``"RK4"``.
+    transcription
+        What IPOPT solves: ``Collocation(degree, scheme)`` (default) or ``MultipleShooting()``, in either formulation.
+    compiled
+        Whether to use compiled code for homotopy with ``"RK8"`` under loads that are constant or fixed to a tube:
+        ``None``: as soon as it is there (see :meth:`compile`), ``True``: compiled now, ``False``: never. The answers
+        are the same to the tolerance.
+
+    Notes
+    -----
+    Rucker, Jones and Webster, IEEE T-RO 2010, (2), (12)-(20) and II-G. Nothing is rebuilt between solves, but for
+    loads by new expressions: one problem serves any actuation and any number of loads.
+
+    Examples
+    --------
+    >>> import numpy as np, ctr_opt as ctr
+    >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+    >>> shape = ctr.ForwardProblem(ctr.Robot([tube])).solve(ctr.Actuation([0.0], [0.0]))
+    >>> bool(abs(shape.tip_position[2] - np.sin(1.0) / 10.0) < 1e-9)
+    True
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        formulation: str = "automatic",
+        method: Method | str | None = None,
+        tolerance: float = 1e-7,
+        integrator: str = "RK8",
+        transcription: Transcription | None = None,
+        compiled: bool | None = None,
+    ) -> None:
+        if not isinstance(robot, Robot):
+            raise DefinitionError(f"robot = {robot!r} must be a Robot")
+        self.robot = robot
+        if not isinstance(transcription, (Collocation, MultipleShooting, type(None))):
+            raise DefinitionError(f"transcription = {transcription!r} must be a Collocation or a MultipleShooting")
+        formulation, method = _method(formulation, method, transcription)
+        self.settings = Settings(
+            formulation,
+            method,
+            number(tolerance, "tolerance", least=1e-11, most=1e-2),
+            choice(integrator, "integrator", INTEGRATORS),
+            transcription or Collocation(),
+        )
+        self.compiled = compiled if compiled is None else flag(compiled, "compiled")
+        self._requested = False
+        self._compilable = self.compiled is not False and self.settings.compilable
+        self._compiled: dict[bool, CompiledProblem] = {}
+        if self.compiled:
+            self.compile()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_compiled": {}}  # libraries are of this process
+
+    def compile(self) -> None:
+        """Compile the solver for robots with as many tubes, unless it was before; seconds the first time on a machine.
+
+        Later solves of this problem by homotopy, or from an ``initial`` one, use it. Without a call a process starts
+        this by itself in the background when it solves again and again; meanwhile, and where there is no compiler,
+        everything works in CasADi's virtual machine.
+
+        Raises
+        ------
+        CompilationError
+            There is no compiler, or it failed.
+        """
+        self._requested = True
+        library(len(self.robot.tubes), False).built()
+
+    @property
+    def compiles(self) -> bool:
+        """Whether there is compiled code for free robots, or for loads that it knows."""
+        return self._by_compiled_code(()) is not None
+
+    def _by_compiled_code(self, loads: Iterable[Load]) -> CompiledProblem | None:
+        """The compiled solver for such loads; None where it is not there, or not wanted."""
+        if not self._compilable:
+            return None
+        body = False
+        for load in loads:
+            if getattr(load, "frame", None) == "body":
+                body = True
+        problem = self._compiled.get(body)
+        if problem is None:
+            kept = library(len(self.robot.tubes), body)
+            native = kept.built() if self._requested else kept.ready()
+            if native is None:
+                return None
+            problem = self._compiled[body] = CompiledProblem(self.robot, self.settings, native)
+        return problem
+
+    def solve(
+        self,
+        actuation: Actuation,
+        loads: Sequence[Load] = (),
+        initial: Equilibrium | None = None,
+        throw: bool = True,
+    ) -> Equilibrium:
+        """Find an equilibrium.
+
+        Parameters
+        ----------
+        actuation
+            Rotations and translations of the tubes' bases.
+        loads
+            Any number of loads.
+        initial
+            An equilibrium (or a :meth:`guess`) of a robot with as many tubes, at any actuation and loads: solved from
+            there by Newton's method and, failing that, by continuation of actuation and loads from there.
+        throw
+            Raise ``SolveError`` where no equilibrium is found; otherwise return the failed result.
+
+        Raises
+        ------
+        DefinitionError
+            A load beyond its tube, a tube drawn wholly behind the entry point, and the like.
+        SolveError
+            No equilibrium was found: what was tried, how far it got, what to do; ``.result`` is the failed result.
+        """
+        loads = as_loads(loads)
+        if initial is not None:
+            _check_initial(initial, self.robot)
+        fast = self._by_compiled_code(loads)
+        if fast is not None and isinstance(actuation, Actuation) and len(actuation.rotations) == len(self.robot.tubes):
+            found = fast.solve(actuation, loads, initial)
+            if found is not None:
+                return found
+        configuration = self.check(actuation, loads)
+        result = Run(self.settings, configuration).solve(initial)
+        if throw and not result.converged:
+            raise SolveError(result.message, result)
+        return result
+
+    def neighbour(self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium) -> Equilibrium | None:
+        """The equilibrium next to ``initial`` on the same branch, or None where that is in doubt.
+
+        As :meth:`solve`, but where compiled code knows the loads no slower way is tried: take a shorter step then.
+        """
+        fast = self._by_compiled_code(loads)
+        if fast is not None and fast.knows(loads):
+            return fast.solve(actuation, loads, initial)
+        found = Run(self.settings, self.check(actuation, loads)).solve(initial)
+        return found if found.converged else None
+
+    def solve_many(
+        self,
+        actuations: Sequence[Actuation] | tuple[Any, Any],
+        loads: Sequence[Any] = (),
+        initial: Equilibrium | None = None,
+        *,
+        chained: bool = True,
+    ) -> Batch:
+        """Solve many actuations in one call; what fails is marked and does not stop the others.
+
+        Parameters
+        ----------
+        actuations
+            The actuations, or a pair of arrays: rotations and translations, ``(k, tubes)`` each, rad and m.
+        loads
+            One list of loads for all rows, or a list of them for each row.
+        initial
+            An equilibrium to start the first row from; default: a cold start.
+        chained
+            Each row starts from the one before, as along a path of the robot (cold where that fails). ``False``: every
+            row starts from ``initial``, or from nothing, whatever the others are.
+
+        Raises
+        ------
+        DefinitionError
+            Arrays of wrong shapes, rows that are no actuations, a load beyond its tube in some row, and the like.
+
+        Examples
+        --------
+        >>> import numpy as np, ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> turned = (np.linspace(0.0, 1.0, 5)[:, None], np.zeros((5, 1)))
+        >>> ctr.ForwardProblem(ctr.Robot([tube])).solve_many(turned)
+        <Batch of 5 equilibria, 0 failed>
+        """
+        rows, objects = rows_of_actuations(actuations, len(self.robot.tubes))
+        every = rows_of_loads(loads, len(rows))
+        if initial is not None:
+            _check_initial(initial, self.robot)
+        fast = self._by_compiled_code(load for each in every for load in each)
+        batch = None if fast is None else fast.batch(rows, every)
+        found: list[Equilibrium] = []
+        tubes, before = len(self.robot.tubes), initial
+        while len(found) < len(rows):
+            some = [None] if batch is None else batch.solve(len(found), before, chained)
+            for result in some:
+                k = len(found)
+                if result is None:
+                    actuation = Actuation(rows[k, :tubes], rows[k, tubes:]) if objects is None else objects[k]
+                    found.append(self._solve_row(actuation, every[k], before))
+                else:
+                    found.append(result)
+                if chained and found[k].converged:
+                    before = found[k]
+        return Batch(found)
+
+    def _solve_row(self, actuation: Actuation, loads: tuple[Load, ...], before: Equilibrium | None) -> Equilibrium:
+        if before is not None:
+            found = self.solve(actuation, loads, before, throw=False)
+            if found.converged:
+                return found
+        return self.solve(actuation, loads, throw=False)
+
+    def check(self, actuation: Actuation, loads: Sequence[Load] = ()) -> Configuration:
+        """Check actuation and loads without solving; returns them as numbers along the arc length.
+
+        Raises
+        ------
+        DefinitionError
+            As :meth:`solve`.
+        """
+        configuration = Configuration(self.robot, actuation, as_loads(loads))
+        if self.settings.formulation == "energy":
+            _refuse_nonconservative(configuration)
+        return configuration
+
+    def function(
+        self,
+        initial: Equilibrium,
+        wrt: Sequence[str] = ("rotations", "translations"),
+        *,
+        along: Any = (),
+        steps: int | None = None,
+    ) -> ca.Function:
+        """The solved forward problem as a differentiable function, to use inside a CasADi program of one's own.
+
+        Newton's method from ``initial`` (moments at the base), at whatever values its inputs have. Break points are
+        sorted inside, so that tubes may pass each other. First and second derivatives are exact, by the
+        implicit-function theorem; where break points coincide they are those of one of the orders next to it.
+
+        Parameters
+        ----------
+        initial
+            An equilibrium: its loads act, and what is no input keeps its value.
+        wrt
+            The names of parameters that become inputs, as in :meth:`Equilibrium.sensitivity`. Inputs are named with
+            underscores for what is no letter or digit: ``loads[0].force`` is ``loads_0_force``. Name only what you
+            need: second derivatives take the longer the more there are.
+        along
+            Arc lengths ``(k,)``, m, whose positions are wanted too; where the robot is shorter, that of its tip.
+        steps
+            Integration steps in each section between break points; default: the most that ``initial`` needed in one.
+
+        Returns
+        -------
+        casadi.Function
+            Inputs: the parameters in their order, and ``initial``: moments (N m), and force (N) under loads that depend
+            on the shape, to start from, :attr:`Equilibrium.unknowns`. Outputs: ``tip_position (3,)``, m;
+            ``tip_rotation (3, 3)``; ``positions (3, k)`` if any are wanted; ``unknowns``, to start the next solve from;
+            ``residual_norm``. Where Newton's method finds no root, a load would be beyond its tube's end, or a tube
+            drawn in or out too far, all but the last are NaN, so that IPOPT shortens its step. It can be pickled.
+
+        Raises
+        ------
+        DefinitionError
+            A name that is not there; a load given as a python function of ``s``, unless no break point moves.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> problem = ctr.ForwardProblem(ctr.Robot([tube]))
+        >>> shape = problem.solve(ctr.Actuation([0.0], [0.0]))
+        >>> forward = problem.function(shape)
+        >>> tip = forward(rotations=0.0, translations=0.0, initial=shape.unknowns)["tip_position"]
+        >>> bool(abs(float(tip[2]) - np.sin(1.0) / 10.0) < 1e-9)
+        True
+        """
+        if not isinstance(initial, Equilibrium) or initial.robot != self.robot:
+            raise DefinitionError(f"initial = {initial!r} must be an Equilibrium of this problem's robot")
+        if isinstance(wrt, str):
+            raise DefinitionError(f"wrt = {wrt!r} must be a list of names, like wrt=[{wrt!r}]")
+        if steps is not None and (not isinstance(steps, int) or steps < 1):
+            raise DefinitionError(f"steps = {steps!r} must be a whole number, at least 1")
+        return forward_map(initial.solved(), wrt, array(along if len(along) else np.zeros(0), "along", (None,)), steps)
+
+    def guess(
+        self,
+        actuation: Actuation,
+        loads: Sequence[Load] = (),
+        *,
+        bending: Any = (0.0, 0.0),
+        torsional: Any = None,
+    ) -> Equilibrium:
+        """A start for :meth:`solve`: the moments that the robot is believed to exert on the entry point.
+
+        Parameters
+        ----------
+        actuation, loads
+            As in :meth:`solve`.
+        bending
+            ``(2,)``, N m: total bending moment at ``s = 0`` in the backbone frame.
+        torsional
+            ``(tubes,)``, N m: torsional moment ``GJ_i (u_i,z - u*_i,z)`` at each tube's base; default zero.
+        """
+        configuration = Configuration(self.robot, actuation, as_loads(loads))
+        tubes = configuration.tube_count
+        base = BaseMoments(
+            array(bending, "bending", (2,), unit="N m"),
+            array(np.zeros(tubes) if torsional is None else torsional, "torsional", (tubes,), unit="N m"),
+        )
+        return Equilibrium(configuration, base, Outcome(SolveStatus.GUESS, "guess", "this is a guess, not a solution"))
+
+
+def _method(formulation: Any, method: Any, transcription: Transcription | None) -> tuple[str, Method]:
+    """Formulation and method, each given or following from the other."""
+    allowed = METHODS[choice(formulation, "formulation", tuple(METHODS))]
+    if isinstance(method, str):
+        method = METHOD_NAMES[choice(method, "method", tuple(METHOD_NAMES))]()
+    if method is None:
+        by_default = Ipopt if formulation == "equilibrium" and transcription is not None else allowed[0]
+        return formulation, by_default()
+    if formulation == "automatic" and not isinstance(method, allowed):
+        formulation = next((name for name, kinds in METHODS.items() if isinstance(method, kinds)), formulation)
+        allowed = METHODS[formulation]
+    if not isinstance(method, allowed):
+        names = " or ".join(kind.__name__ for kind in allowed)
+        raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")
+    if formulation == "equilibrium" and transcription is not None and not isinstance(method, Ipopt):
+        raise DefinitionError(
+            f"transcription = {transcription!r} needs method = Ipopt(...): {type(method).__name__} shoots"
+        )
+    return formulation, method
+
+
+def _refuse_nonconservative(configuration: Configuration) -> None:
+    """The energy formulation takes loads that have a potential."""
+    if configuration.without_potential:
+        raise DefinitionError(
+            f"{configuration.without_potential}: formulation = 'energy' takes conservative loads only; "
+            "use formulation = 'automatic' or 'equilibrium'"
+        )
+
+
+def as_loads(loads: Any) -> tuple[Load, ...]:
+    """A list of loads as a tuple."""
+    if isinstance(loads, LOADS):
+        raise DefinitionError(f"loads = {loads!r} must be a list of loads, like loads=[...]")
+    try:
+        return tuple(loads)
+    except TypeError:
+        raise DefinitionError(f"loads = {loads!r} must be a list of loads") from None
+
+
+def _check_initial(initial: Any, robot: Robot) -> None:
+    if not isinstance(initial, Equilibrium):
+        raise DefinitionError(f"initial = {initial!r} must be an Equilibrium")
+    tubes = len(initial.robot.tubes)
+    if tubes != len(robot.tubes):
+        raise DefinitionError(f"initial is of a robot with {tubes} tubes, but this one has {len(robot.tubes)}")

@@ -1,0 +1,116 @@
+"""Reports for people to read: plain text, SI units with the usual prefixes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..checks import Array
+    from ..robot.robot import Robot
+    from .equilibrium import Equilibrium
+
+
+def equilibrium_report(equilibrium: Equilibrium) -> str:
+    """What was solved, how, how well, and what came out."""
+    lines = _heading(equilibrium)
+    if equilibrium.converged:
+        lines += _quality(equilibrium) + _shape(equilibrium) + _tubes(equilibrium) + _energies(equilibrium)
+    else:
+        lines += ["", equilibrium.message]
+    return "\n".join(lines)
+
+
+def robot_report(robot: Robot) -> str:
+    """The tubes of a robot, from the inner to the outer."""
+    lines = [
+        f"Robot of {_count(len(robot.tubes), 'tube')}",
+        "  tube              outer, inner diameter [mm]   length [mm]   EI [N m^2]   GJ [N m^2]   precurvature",
+    ]
+    for i, tube in enumerate(robot.tubes):
+        size = f"{1e3 * tube.outer_diameter:>12.4f}, {1e3 * tube.inner_diameter:<13.4f}  {1e3 * tube.length:>10.3f}"
+        stiffness = f"{tube.bending_stiffness:>10.6f}   {tube.torsional_stiffness:>10.6f}"
+        pieces = " + ".join(type(piece).__name__ for piece in tube.precurvature)
+        lines.append(f"  {i} {tube.name[:14]:<14}  {size}   {stiffness}   {pieces}")
+    return "\n".join(lines)
+
+
+def _heading(equilibrium: Equilibrium) -> list[str]:
+    tubes, loads = len(equilibrium.robot.tubes), len(equilibrium.loads)
+    return [
+        f"Equilibrium of {_count(tubes, 'tube')} under {_count(loads, 'load')}",
+        _row("status", equilibrium.status.description),
+        _row("path", equilibrium.path),
+        _row("iterations", str(equilibrium.iterations)),
+        _row("time", f"set-up {1e3 * equilibrium.setup_time:.1f} ms, solve {1e3 * equilibrium.solve_time:.1f} ms"),
+    ]
+
+
+def _quality(equilibrium: Equilibrium) -> list[str]:
+    error, length = equilibrium.discretization_error, equilibrium.length
+    return [
+        _row("residual", f"{equilibrium.residual_norm:.1e} (moments over max(EI)/length)"),
+        _row("discretization error", f"{error:.1e} m, estimated ({error / length:.1e} of the length)"),
+        _row("stable", _stability(equilibrium)),
+    ]
+
+
+def _stability(equilibrium: Equilibrium) -> str:
+    negative, reason = equilibrium.unstable_directions, equilibrium.configuration.without_potential
+    if negative is None:
+        return f"not defined: {reason}" if reason else "not known: the steps are too coarse to tell"
+    if negative:
+        return f"no: {_count(negative, 'direction')} in which the potential energy falls"
+    return "yes" if equilibrium.is_stable else "neutral: a fold, or one of a family of equilibria"
+
+
+def _shape(equilibrium: Equilibrium) -> list[str]:
+    pose = equilibrium.tip_pose
+    return [
+        "",
+        _row("length", f"{1e3 * equilibrium.length:.3f} mm"),
+        _row("tip position", f"{_vector(1e3 * pose[:3, 3], '.6f')} mm"),
+        _row("tip direction", _vector(pose[:3, 2], ".6f")),
+        _row("base force", f"{_vector(equilibrium.internal_force(0.0), '.6f')} N"),
+        _row("base moment", f"{_vector(1e3 * equilibrium.internal_moment(0.0), '.6f')} N mm"),
+    ]
+
+
+def _tubes(equilibrium: Equilibrium) -> list[str]:
+    lines = ["", "  tube              end [mm]   angle at its tip [deg]   base torsion [1/m]   base torque [N mm]"]
+    torques = equilibrium.last_iterate.torsional
+    for i, tube in enumerate(equilibrium.robot.tubes):
+        end = float(equilibrium.configuration.tube_ends[i])
+        angle = float(np.rad2deg(equilibrium.tube_angle(i, end)))
+        torsion = equilibrium.torsion(i, 0.0)
+        numbers = f"{1e3 * end:>8.3f}   {angle:>22.4f}   {torsion:>18.6f}   {1e3 * torques[i]:>18.6f}"
+        lines.append(f"  {i} {tube.name[:14]:<14}  {numbers}")
+    return lines
+
+
+def _energies(equilibrium: Equilibrium) -> list[str]:
+    lines = [
+        "",
+        _row("elastic energy", f"{1e3 * equilibrium.energy:.6f} mJ"),
+        _row(
+            "work of the loads",
+            f"{1e3 * equilibrium.load_work:.6f} mJ (those with a potential; forces from the world's origin on)",
+        ),
+        _row("potential energy", f"{1e3 * equilibrium.potential_energy:.6f} mJ"),
+    ]
+    if equilibrium.configuration.without_potential:
+        lines.append("  Some loads have no potential: neither work nor potential energy accounts for them.")
+    return lines
+
+
+def _row(name: str, value: str) -> str:
+    return f"  {name:<22}{value}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _vector(values: Array, style: str) -> str:
+    return "(" + ", ".join(format(float(value) + 0.0, style) for value in values) + ")"

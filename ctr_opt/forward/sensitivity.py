@@ -1,0 +1,150 @@
+"""Derivatives of a solved equilibrium by the implicit-function theorem: exact, from CasADi, in its virtual machine.
+
+The equilibrium satisfies ``r(z, theta) = 0``, so that an output ``o(z, theta)`` has the derivative
+``o_theta - o_z r_z^-1 r_theta``. Its second derivatives are those of ``o - lambda . r`` with ``lambda = o_z r_z^-1``
+along the solutions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from ..checks import Array
+from ..errors import DefinitionError, SolveError
+from ..layout.configuration import Configuration
+from ..robot.names import Parameter
+from ..transcription.linear import NEGLIGIBLE
+from ..transcription.parametric_problem import Discretized, ParametricProblem, at_nominal
+from .outputs import Expressions, Output, from_left, rates_of
+
+
+@attrs.frozen(eq=False)
+class Solved:
+    """An equilibrium in numbers: its configuration, dimensionless unknowns, mesh, and integrator."""
+
+    configuration: Configuration
+    z: Array
+    mesh: Array
+    integrator: str
+
+    @property
+    def steps(self) -> int:
+        """The most steps that the solution needed in any section between break points."""
+        sections = np.searchsorted(self.configuration.break_points, self.mesh[:, 0], side="right")
+        return int(np.bincount(sections).max())
+
+    def under(self, configuration: Configuration) -> Solved:
+        """The same numbers as an equilibrium of a configuration that differs by loads of nothing."""
+        return attrs.evolve(self, configuration=configuration)
+
+
+@attrs.frozen(eq=False)
+class Derivatives:
+    """An output's value; derivatives of it and of the dimensionless unknowns by the parameters; its second ones."""
+
+    value: Array
+    first: Array
+    unknowns: Array
+    second: Array | None = None
+
+
+def derivatives(
+    solved: Solved,
+    wanted: Output,
+    chosen: Sequence[Parameter],
+    *,
+    side: int = 1,
+    order: int = 1,
+    at: int | None = None,
+) -> Derivatives:
+    """Derivatives of an output by the chosen parameters, from their ``side``.
+
+    Its value, where that has sides itself, is the one from the side of the parameter ``at``.
+    """
+    problem = _problem(solved, chosen, wanted)
+    count = len(problem.nominal)
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for k in range(count) if at is None else [at]:
+        groups.setdefault(problem.keys(k, _sign(problem, k, side)), []).append(k)
+    if order == 2 and len(groups) > 1:
+        raise DefinitionError(
+            "order = 2: break points coincide and a parameter moves them apart; the first derivatives jump there, "
+            "so that there are no second ones"
+        )
+    regions = [(_Region(solved, problem, wanted, keys, order), those) for keys, those in groups.items()]
+    value = regions[0][0]
+    first, unknowns = np.full((len(value.first), count), np.nan), np.full((len(solved.z), count), np.nan)
+    for region, those in regions:
+        first[:, those], unknowns[:, those] = region.first[:, those], region.unknowns[:, those]
+    return Derivatives(value.value, first, unknowns, value.second)
+
+
+def kinked(solved: Solved, chosen: Sequence[Parameter]) -> list[int]:
+    """The numbers among the chosen parameters that move coinciding break points apart and may do so either way."""
+    problem = _problem(solved, chosen, Output("tip_pose"))
+    return [k for k in range(len(problem.nominal)) if problem.kinked(k) and _sign(problem, k, 1) > 0.0]
+
+
+def _problem(solved: Solved, chosen: Sequence[Parameter], wanted: Output) -> ParametricProblem:
+    configuration = solved.configuration
+    left = from_left(wanted, configuration)
+    probes = () if wanted.s is None else (wanted.s,)
+    return ParametricProblem(configuration, chosen, solved.integrator, probes, from_left=left)
+
+
+def _sign(problem: ParametricProblem, column: int, side: int) -> float:
+    """The side from which a derivative is taken: a base that stands at the entry can only be drawn back."""
+    part = problem.parts.get("translations")
+    at_bound = part is not None and part.start <= column < part.stop and problem.nominal[column] >= 0.0
+    return -1.0 if at_bound else float(side)
+
+
+class _Region:
+    """Derivatives where the break points stand in one order."""
+
+    def __init__(
+        self, solved: Solved, problem: ParametricProblem, wanted: Output, keys: tuple[Any, ...], order: int
+    ) -> None:
+        expressions = Expressions(wanted, problem, keys)
+        fractions = at_nominal(problem, keys, solved.mesh)
+        discretized = Discretized(problem, expressions.order, fractions, expressions.around, integrals=wanted.integrals)
+        unknowns = len(solved.z)
+        both = ca.MX.sym("both", unknowns + len(problem.nominal))
+        swept = discretized.swept(both[:unknowns], both[unknowns:])
+        out = expressions.value(swept, discretized)
+        everything = ca.vertcat(out, swept.residual)
+        at = np.concatenate((solved.z, problem.nominal))
+        count = out.shape[0]
+        value, jacobian = (
+            part.full() for part in ca.Function("first", [both], [out, ca.jacobian(everything, both)])(at)
+        )
+        value = value[:, 0]
+        inverse = _inverse(jacobian[count:, :unknowns])
+        self.unknowns = -inverse @ jacobian[count:, unknowns:]
+        along = np.vstack((self.unknowns, np.eye(len(problem.nominal))))
+        rates = rates_of(wanted, value)
+        self.value = value
+        self.first = rates @ jacobian[:count] @ along
+        self.second = None
+        if order == 2:
+            multipliers = rates @ jacobian[:count, :unknowns] @ inverse
+            weights = ca.MX.sym("weights", everything.shape[0])
+            hessian = ca.Function("second", [both, weights], [ca.hessian(ca.dot(weights, everything), both)[0]])
+            rows = np.hstack((rates, -multipliers))
+            self.second = np.array([along.T @ hessian(at, row).full() @ along for row in rows])
+
+
+def _inverse(jacobian: Array) -> Array:
+    """``r_z^-1``, or an error where the equilibrium is singular."""
+    values = np.linalg.svd(jacobian, compute_uv=False)
+    if values[-1] <= NEGLIGIBLE:
+        raise SolveError(
+            f"the equilibrium is singular (smallest singular value {values[-1]:.2g} of the shooting Jacobian): "
+            "it stands at a fold or belongs to a family, and has no derivatives"
+        )
+    return np.asarray(np.linalg.inv(jacobian))

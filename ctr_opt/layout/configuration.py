@@ -1,0 +1,401 @@
+"""From robot, actuation and loads to numbers along the arc length.
+
+The equations are the same in every section between break points; which tubes exist there, their precurvature
+and the loads are *data*. Break points are exact nodes: curvature steps, tube ends, load points and knots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import Array
+from ..errors import DefinitionError
+from ..loads.fields import ExpressionLoad, PotentialLoad
+from ..loads.gravity import DistributedMass, Gravity, PointMass
+from ..loads.wrenches import LOADS, DistributedLoad, Load, LoadTable, PointWrench
+from ..mechanics.fields import Field, LoadKind
+from ..robot.actuation import Actuation
+from ..robot.robot import Robot
+from .resolution import called, resolve
+
+SAME_POINT = 1e-12  # of the robot's length: closer break points are one point
+LARGEST_TURN = 1.0  # rad, of a step
+MOST_STEPS = 200  # beyond what sections need: absurd loads shall fail soon, not fill the memory
+_FUNCTION_PARTS = 8  # an interval under a load given as a function is cut into so many steps at least
+
+
+@attrs.frozen(eq=False)
+class LoadValues:
+    """Loads at points ``(..)``: world-fixed, in the tubes' frames, and by what expressions are multiplied.
+
+    Total ``force (.., 3)``, the tubes' ``moment (.., tubes, 3)``; ``body_force, body_moment (.., tubes, 3)`` in the
+    tubes' material frames; ``field (.., fields)``.
+    """
+
+    force: Array
+    moment: Array
+    body_force: Array
+    body_moment: Array
+    field: Array
+
+    @classmethod
+    def none(cls, points: tuple[int, ...], tubes: int, fields: int) -> LoadValues:
+        """No load, to be added to."""
+        own = [np.zeros((*points, tubes, 3)) for _ in range(3)]
+        return cls(np.zeros((*points, 3)), own[0], own[1], own[2], np.zeros((*points, fields)))
+
+    def add(self, where: Any, load: PointWrench | DistributedLoad, force: Array, moment: Array) -> None:
+        """Add force and moment that ``load`` applies at the points ``where``."""
+        if load.frame == "body":
+            self.body_force[*where, load.tube, :] += force
+            self.body_moment[*where, load.tube, :] += moment
+        else:
+            self.force[*where, :] += force
+            self.moment[*where, load.tube, :] += moment
+
+
+@attrs.frozen(eq=False)
+class Nodes:
+    """Data at ``(steps, nodes)`` points: ``precurvature (.., tubes, 3)``, and the loads per arc length."""
+
+    precurvature: Array
+    loads: LoadValues
+
+
+@attrs.frozen(eq=False)
+class Scales:
+    """Units that make the equations dimensionless: the robot's length and its largest bending stiffness.
+
+    Moments are measured in ``max(EI) / length``, forces in ``max(EI) / length^2``.
+    """
+
+    length: float
+    stiffness: float
+
+    @property
+    def moment(self) -> float:
+        """N m."""
+        return self.stiffness / self.length
+
+    @property
+    def force(self) -> float:
+        """N."""
+        return self.stiffness / self.length**2
+
+    def unknowns(self, tubes: int, live: bool) -> Array:
+        """Of moments at the entry point and, under ``live`` loads, the force there."""
+        return np.concatenate((np.full(2 + tubes, self.moment), np.full(3 if live else 0, self.force)))
+
+
+class Configuration:
+    """A robot in one actuation under one set of loads, checked and sorted along the arc length."""
+
+    def __init__(self, robot: Robot, actuation: Actuation, loads: Sequence[Load] = ()) -> None:
+        self.robot = robot
+        self.actuation = actuation
+        self.loads = tuple(loads)
+        _check_actuation(robot, actuation)
+        tubes = robot.tubes
+        self.tube_count = len(tubes)
+        self.translations = np.asarray(actuation.translations)
+        self.tube_ends = self.translations + np.array([tube.length for tube in tubes])
+        _check_reach(robot, self.translations, self.tube_ends)
+        self.length = float(self.tube_ends.max())
+        self.bending_stiffness = np.array([tube.bending_stiffness for tube in tubes])
+        self.torsional_stiffness = np.array([tube.torsional_stiffness for tube in tubes])
+        self.scales = Scales(self.length, float(self.bending_stiffness.max()))
+        self.point_loads: list[tuple[float, int, PointWrench]] = []
+        self.distributed_loads: list[tuple[float, float, DistributedLoad]] = []
+        self._distributed_names: list[str] = []
+        self.point_fields: list[tuple[float, Field, float]] = []
+        self.distributed_fields: list[tuple[float, float, Field, float]] = []
+        self._gravity = sum((load.acceleration for load in self.loads if isinstance(load, Gravity)), np.zeros(3))
+        for k, load in enumerate(self.loads):
+            self._place(k, load)
+        self.break_points = self._break_points()
+        self.point_loads = [(self._nearest_break(s), tube, load) for s, tube, load in self.point_loads]
+        self.point_fields = [(self._nearest_break(s), field, factor) for s, field, factor in self.point_fields]
+        self.kind = LoadKind(
+            any(isinstance(load, (PointWrench, DistributedLoad)) and load.frame == "body" for load in self.loads),
+            tuple(dict.fromkeys([f for _, f, _ in self.point_fields] + [f for _, _, f, _ in self.distributed_fields])),
+        )
+        self.tube_ends = np.array([self._nearest_break(float(end)) for end in self.tube_ends])
+        self.transmission_twist, self._straightening_energy = self._transmission()
+
+    def _place(self, k: int, load: Load) -> None:
+        if not isinstance(load, LOADS):
+            raise DefinitionError(f"loads[{k}] = {load!r} must be one of {', '.join(kind.__name__ for kind in LOADS)}")
+        if isinstance(load, Gravity):
+            self._place_weights(load)
+            return
+        tube = load.tube
+        if tube >= self.tube_count:
+            raise DefinitionError(
+                f"loads[{k}]: tube = {tube} is not there: the robot has tubes 0 to {self.tube_count - 1}"
+            )
+        tube_end = float(self.tube_ends[tube])
+        slack = SAME_POINT * self.length
+
+        def inside(field: str, value: float | None) -> float:
+            if value is None:
+                return tube_end
+            if value > tube_end + slack:
+                raise DefinitionError(
+                    f"loads[{k}]: {field} = {value:g} m is beyond the end of tube {tube} "
+                    f"({self.robot.tubes[tube].name!r}): allowed are 0 to {tube_end:g} m at this actuation"
+                )
+            return min(value, tube_end)
+
+        if isinstance(load, (PotentialLoad, ExpressionLoad)) and load.factor == 0.0:
+            return
+        if isinstance(load, (PotentialLoad, ExpressionLoad)) and not load.distributed:
+            self.point_fields.append((inside("arc_length", load.arc_length), Field.of(load), load.factor))
+            return
+        if isinstance(load, (PointWrench, PointMass)):
+            s = inside("arc_length", load.arc_length)
+            wrench = PointWrench(load.mass * self._gravity, tube=tube) if isinstance(load, PointMass) else load
+            self.point_loads.append((s, tube, wrench))
+            return
+        start, end = inside("start", load.start or 0.0), inside("end", load.end)
+        if end <= start:
+            raise DefinitionError(f"loads[{k}]: end = {end:g} m must be above start = {start:g} m")
+        if isinstance(load, (PotentialLoad, ExpressionLoad)):
+            self.distributed_fields.append((start, end, Field.of(load), load.factor))
+            return
+        if isinstance(load, DistributedMass):
+            load = DistributedLoad(force=load.mass_per_length * self._gravity, tube=tube)
+        self.distributed_loads.append((start, end, load))
+        self._distributed_names.append(f"loads[{k}]")
+
+    def _place_weights(self, gravity: Gravity) -> None:
+        """The tubes' own weight in front of the entry point."""
+        for i, (tube, end) in enumerate(zip(self.robot.tubes, self.tube_ends, strict=True)):
+            if tube.density > 0.0:
+                weight = DistributedLoad(force=tube.mass_per_length * gravity.acceleration, tube=i)
+                self.distributed_loads.append((0.0, float(end), weight))
+                self._distributed_names.append(f"the weight of tube {i}")
+
+    def _break_points(self) -> Array:
+        points = [0.0, self.length]
+        for tube, translation in zip(self.robot.tubes, self.translations, strict=True):
+            points.extend(translation + tube.shape.breaks)
+        points.extend(s for s, _, _ in (*self.point_loads, *self.point_fields))
+        for start, end, expression, _ in self.distributed_fields:
+            points.extend((start, end))
+            if expression.varies_along:
+                points.extend(self._resolved(expression, start, end))
+        for name, (start, end, load) in zip(self._distributed_names, self.distributed_loads, strict=True):
+            points.extend((start, end))
+            for field, density in (("force", load.force), ("moment", load.moment)):
+                if isinstance(density, LoadTable):
+                    points.extend(density.arc_length[(density.arc_length > start) & (density.arc_length < end)])
+                elif callable(density):
+                    points.extend(resolve(density, start, end, f"{name}.{field}"))
+        inside = np.unique(np.clip(points, 0.0, self.length))
+        apart = np.diff(inside, prepend=-np.inf) > SAME_POINT * self.length
+        kept = np.asarray(inside[apart])
+        kept[-1] = self.length
+        return kept
+
+    def _resolved(self, field: Field, start: float, end: float) -> list[float]:
+        """Where an expression needs break points by its dependence on ``s``, seen on the straight robot."""
+        pose = self.robot.base_pose
+
+        def along(s: float, part: int) -> Array:
+            wrench = field.wrench(s, pose[:3, 3] + s * pose[:3, 2], pose[:3, :3])
+            return np.asarray(wrench[part].full()[:, 0])
+
+        try:
+            return [s for part in (0, 1) for s in resolve(partial(along, part=part), start, end, "function")]
+        except DefinitionError:  # it has no value there: no matter, as the robot is not straight
+            return []
+
+    def _nearest_break(self, s: float) -> float:
+        return float(self.break_points[np.argmin(np.abs(self.break_points - s))])
+
+    def _transmission(self) -> tuple[Array, float]:
+        """Twist ``integral of u*_z`` over ``[beta_i, 0]`` and the energy of holding curved parts straight there."""
+        twist, energy = np.zeros(self.tube_count), 0.0
+        for i, tube in enumerate(self.robot.tubes):
+            inside = -float(self.translations[i])
+            twist[i] = tube.shape.integrate(0.0, inside)[2]
+            energy += 0.5 * tube.bending_stiffness * float(tube.shape.integrate(0.0, inside, of="square")[:2].sum())
+        return twist, energy
+
+    @property
+    def straightening_energy(self) -> float:
+        """``1/2 integral of u*_xy^T K_b u*_xy`` over the parts held straight behind the entry point, J."""
+        return self._straightening_energy
+
+    @property
+    def transmission_compliance(self) -> Array:
+        """``-beta_i / GJ_i``: the angle by which a unit torque twists tube ``i`` behind the entry point, rad/(N m)."""
+        return np.asarray(-self.translations / self.torsional_stiffness)
+
+    def present(self, s: Array) -> NDArray[np.bool_]:
+        """Which tubes exist at ``s (k,)`` (not a tube's end): ``(k, tubes)``."""
+        return np.asarray(np.asarray(s)[:, None] < self.tube_ends)
+
+    def mesh(self, largest_turn: float = LARGEST_TURN) -> Array:
+        """Steps from 0 to ``length`` as rows ``(start, end)``: every section cut so that no step turns much.
+
+        A step's turn is estimated from the preset curvatures and loads.
+        """
+        turns = np.array([(b - a) * self._curvature_bound(float(a), float(b)) for a, b in pairwise(self.break_points)])
+        largest_turn = max(largest_turn, float(turns.sum()) / MOST_STEPS)
+        rows = []
+        for start, end, turn in zip(self.break_points, self.break_points[1:], turns, strict=False):
+            parts = max(1, int(np.ceil(turn / largest_turn)))
+            if self._varies_between(start, end):
+                parts = max(parts, _FUNCTION_PARTS)
+            edges = np.linspace(start, end, parts + 1)
+            rows.append(np.column_stack((edges[:-1], edges[1:])))
+        return np.concatenate(rows)
+
+    def _varies_between(self, start: float, end: float) -> bool:
+        """Whether a load acts there of which only its values are known."""
+        functions = [(a, b) for a, b, load in self.distributed_loads if callable(load.force) or callable(load.moment)]
+        fields = [(a, b) for a, b, _, _ in self.distributed_fields]
+        return any(a < end and start < b for a, b in (*functions, *fields))
+
+    def _curvature_bound(self, start: float, end: float) -> float:
+        """A rough upper bound of the curvature in a section, 1/m."""
+        middle = np.array([0.5 * (start + end)])
+        stiffness = float((self.bending_stiffness * self.present(middle)[0]).sum())
+        nodes = self.nodes(np.array([[start, end]]), np.linspace(0.0, 1.0, 5))
+        couple, force, lever = 0.0, 0.0, 0.0
+        for s, _, load in self.point_loads:
+            if s > start:
+                couple += float(np.linalg.norm(load.moment))
+                force += float(np.linalg.norm(load.force))
+                lever += (s - start) * float(np.linalg.norm(load.force))
+        for a, b, distributed in self.distributed_loads:
+            if b > start:
+                density = _largest(distributed.force, a, b)
+                couple += (b - a) * _largest(distributed.moment, a, b)
+                force += (b - a) * density
+                lever += (b - a) * density * (b - start)
+        preset = float(np.abs(nodes.precurvature).max())
+        # A force bends an elastica to at most 2 sqrt(F / EI), however long the lever.
+        return preset + couple / stiffness + min(lever / stiffness, 2.0 * float(np.sqrt(force / stiffness)))
+
+    def nodes(self, steps: Array, fractions: Array, middle: Array | None = None, fields: Sequence[Field] = ()) -> Nodes:
+        """Precurvature and load densities at ``start + fraction (end - start)`` of every step.
+
+        Each step lies inside one section, that of ``middle`` (default: the step's own), and its data are taken from
+        that section's side even at its ends. Where a tube has ended its precurvature is zero. ``fields`` are the
+        expressions whose factors are wanted.
+        """
+        start, end = steps[:, :1], steps[:, 1:]
+        s = start + fractions * (end - start)
+        middle = 0.5 * (start + end)[:, 0] if middle is None else middle
+        present = self.present(middle)
+        count, size = s.shape
+        precurvature = np.zeros((count, size, self.tube_count, 3))
+        for i, tube in enumerate(self.robot.tubes):
+            sigma = s - self.translations[i]
+            piece = np.broadcast_to(tube.shape.piece(middle - self.translations[i])[:, None], s.shape)
+            precurvature[:, :, i] = tube.shape(sigma, piece) * present[:, i, None, None]
+        loads = LoadValues.none((count, size), self.tube_count, len(fields))
+        for name, (a, b, load) in zip(self._distributed_names, self.distributed_loads, strict=True):
+            here = (middle > a) & (middle < b)
+            if here.any():
+                force = _density(load.force, s[here], middle[here], f"{name}.force")
+                moment = _density(load.moment, s[here], middle[here], f"{name}.moment")
+                loads.add((here, slice(None)), load, force, moment)
+        for a, b, field, factor in self.distributed_fields:
+            if field in fields:
+                loads.field[(middle > a) & (middle < b), :, fields.index(field)] += factor
+        return Nodes(precurvature, loads)
+
+    def loads_on(self, tube_ends: Array, factor: float) -> list[Load]:
+        """The loads multiplied by ``factor``, kept within tubes that end at ``tube_ends``; none for a factor of zero.
+
+        What rides on a tube's end stays there; an interval pushed off its tube is left out.
+        """
+        if factor == 0.0:
+            return []
+        moved: list[Load] = []
+        for load in self.loads:
+            scaled: Any = load.times(factor)
+            if isinstance(scaled, Gravity):
+                moved.append(scaled)
+                continue
+            end = float(tube_ends[scaled.tube])
+            field = isinstance(scaled, (PotentialLoad, ExpressionLoad))
+            if isinstance(scaled, (PointWrench, PointMass)) or (field and not scaled.distributed):
+                s = scaled.arc_length
+                moved.append(scaled if s is None or s <= end else attrs.evolve(scaled, arc_length=end))
+            elif (scaled.start or 0.0) < end:
+                moved.append(attrs.evolve(scaled, end=None if scaled.end is None else min(scaled.end, end)))
+        return moved
+
+    @property
+    def without_potential(self) -> str:
+        """Which load has no potential, and why; empty if all have one."""
+        for k, load in enumerate(self.loads):
+            if load.nonconservative:
+                return f"loads[{k}] ({type(load).__name__}) {load.nonconservative}, which has no potential"
+        return ""
+
+    def conservative_part(self) -> Configuration:
+        """The configuration with what of its loads has a potential; itself if that is all."""
+        if not self.without_potential:
+            return self
+        parts = [load.conservative_part() for load in self.loads]
+        return Configuration(self.robot, self.actuation, [part for part in parts if part is not None])
+
+    def jumps(self, points: Array, fields: Sequence[Field] = ()) -> LoadValues:
+        """The point loads that act at ``points (k,)``, nodes of a mesh."""
+        loads = LoadValues.none((len(points),), self.tube_count, len(fields))
+        for s, _, load in self.point_loads:
+            loads.add((points == s,), load, load.force, load.moment)
+        for s, field, factor in self.point_fields:
+            if field in fields:
+                loads.field[points == s, fields.index(field)] += factor
+        return loads
+
+
+def _check_actuation(robot: Robot, actuation: Actuation) -> None:
+    if not isinstance(actuation, Actuation):
+        raise DefinitionError(f"actuation = {actuation!r} must be an Actuation")
+    if len(actuation.rotations) != len(robot.tubes):
+        raise DefinitionError(
+            f"the actuation has {len(actuation.rotations)} rotations and translations, "
+            f"but the robot has {len(robot.tubes)} tubes"
+        )
+
+
+def _check_reach(robot: Robot, translations: Array, ends: Array) -> None:
+    for k, (tube, translation, end) in enumerate(zip(robot.tubes, translations, ends, strict=True)):
+        if end <= 0.0:
+            raise DefinitionError(
+                f"tube {k} ({tube.name!r}): translations[{k}] = {translation:g} m draws it wholly behind the entry "
+                f"point: it must be above -{tube.length:g} m, the tube's length, and at most 0"
+            )
+
+
+def _density(density: Any, s: Array, middle: Array, field: str) -> Array:
+    if isinstance(density, LoadTable):
+        polynomial = density.polynomial()
+        covered = (middle > density.arc_length[0]) & (middle < density.arc_length[-1])
+        piece = np.broadcast_to(polynomial.piece(middle)[:, None], s.shape)
+        return np.asarray(polynomial(s, piece) * covered[:, None, None])
+    if callable(density):
+        return np.array([[called(density, float(x), field) for x in row] for row in s])
+    return np.broadcast_to(np.asarray(density), (*s.shape, 3))
+
+
+def _largest(density: Any, start: float, end: float) -> float:
+    if isinstance(density, LoadTable):
+        return float(np.linalg.norm(density.values, axis=1).max())
+    if callable(density):
+        return max(float(np.linalg.norm(called(density, float(s), "load"))) for s in np.linspace(start, end, 9))
+    return float(np.linalg.norm(density))

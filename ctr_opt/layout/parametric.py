@@ -1,0 +1,210 @@
+"""A robot under loads with parameters for numbers: what ``sections.Configuration`` says, symbolically.
+
+Stiffnesses, preset curvatures, break points and loads are expressions of the parameters that are asked for and plain
+numbers elsewhere; which section they belong to is told by an ``Order``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..robot import tube as formulas
+from ..robot.names import Parameter, parameters
+from ..robot.precurvature import PolynomialCurvature, SampledCurvature, along_arc_length
+from .configuration import SAME_POINT, Configuration
+from .ordering import ENTRY, Key, Order
+from .parametric_loads import ParametricLoads
+
+
+class Parametric:
+    """The configuration with the ``values`` of some parameters, columns of symbols, in the place of its own.
+
+    ``probes`` are arc lengths that are to be break points; under that name they may have symbols among
+    the values. Where the order is not known, ``clip`` keeps every break point on its tube.
+    """
+
+    def __init__(
+        self, configuration: Configuration, values: Mapping[str, Any], probes: Sequence[float] = (), clip: bool = False
+    ) -> None:
+        self.configuration = configuration
+        self.tubes = configuration.tube_count
+        self.values = values
+        self.clip = clip
+        self._known: dict[str, Parameter] = parameters(
+            configuration.robot, configuration.actuation, configuration.loads
+        )
+        self.within: list[Any] = []  # what must not be negative: how far loads are from the ends of their tubes
+        self.points: dict[Key, Any] = {ENTRY: 0.0}
+        self.nominal: dict[Key, float] = {ENTRY: 0.0}
+        self.translations = [self.at("translations", i) for i in range(self.tubes)]
+        self.shapes = [self._shape(i) for i in range(self.tubes)]
+        self.loads = ParametricLoads(self)
+        self._fix_others()
+        moving = values.get("probes")
+        for k, s in enumerate(probes):
+            self.add(("probe", k), s if moving is None else moving[k], s, self.length)
+
+    # -- values ----------------------------------------------------------------------------------------------------
+
+    def at(self, name: str, k: int = 0) -> Any:
+        """One number of a parameter."""
+        if name in self.values:
+            return self.values[name][k]
+        return float(self._known[name].value.flat[k])
+
+    def vector(self, name: str) -> Any:
+        """A parameter of three, as a column."""
+        return self.rows(name)[0]
+
+    def rows(self, name: str) -> list[Any]:
+        """The rows of three of a parameter, as columns."""
+        if name in self.values:
+            return [self.values[name][3 * k : 3 * k + 3] for k in range(self.values[name].shape[0] // 3)]
+        return [ca.DM(row) for row in self._known[name].value.reshape(-1, 3)]
+
+    @cached_property
+    def bending_stiffness(self) -> list[Any]:
+        """``EI`` of the tubes, N m^2."""
+        return [self._stiffness(i, "bending_stiffness") for i in range(self.tubes)]
+
+    @cached_property
+    def torsional_stiffness(self) -> list[Any]:
+        """``GJ`` of the tubes, N m^2."""
+        return [self._stiffness(i, "torsional_stiffness") for i in range(self.tubes)]
+
+    def _stiffness(self, i: int, field: str) -> Any:
+        tube, name = self.configuration.robot.tubes[i], f"tubes[{i}]."
+        if name + field in self.values or field in tube.given_stiffnesses:
+            return self.at(name + field)
+        area = formulas.second_moment(self.at(name + "outer_diameter"), self.at(name + "inner_diameter"))
+        if field == "bending_stiffness":
+            return self.at(name + "youngs_modulus") * area
+        if tube.shear_modulus is not None:
+            return formulas.torsional_stiffness(self.at(name + "shear_modulus"), area)
+        shear = formulas.shear_modulus(self.at(name + "youngs_modulus"), self.at(name + "poisson_ratio"))
+        return formulas.torsional_stiffness(shear, area)
+
+    @property
+    def base(self) -> tuple[Any, Any, Any]:
+        """Rotations; translation and angles of the entry point relative to the robot's base pose."""
+        rotations = ca.vertcat(*(self.at("rotations", i) for i in range(self.tubes)))
+        return rotations, self.vector("base.translation"), self.vector("base.rotation")
+
+    # -- preset curvatures -----------------------------------------------------------------------------------------
+
+    def _shape(self, i: int) -> list[tuple[Key, list[Any]]]:
+        """The pieces of a tube: the break point where each begins, and coefficients of powers of ``s`` from there."""
+        tube = self.configuration.robot.tubes[i]
+        starts, end = list(tube.shape.breaks), self.translations[i]
+        pieces: list[tuple[Key, list[Any]]] = []
+        self.add(("tube", i, 0), end, self.configuration.translations[i])
+        for k, piece in enumerate(tube.precurvature):
+            name = f"tubes[{i}].precurvature[{k}]"
+            stretch = self.at(f"{name}.length") / piece.length
+            for width, rows in _polynomials(piece, name, stretch, self):
+                pieces.append((("tube", i, len(pieces)), rows))
+                end = end + width
+                nominal = float(self.configuration.translations[i] + starts[len(pieces)])
+                self.add(("tube", i, len(pieces)), end, nominal)
+        return pieces
+
+    def tube_end(self, i: int) -> Key:
+        """The break point where a tube ends."""
+        return ("tube", i, len(self.shapes[i]))
+
+    @property
+    def length(self) -> Any:
+        """The largest tube end."""
+        length, *ends = (self.points[self.tube_end(i)] for i in range(self.tubes))
+        for end in ends:
+            length = ca.if_else(length < end, end, length)
+        return length
+
+    @property
+    def margin(self) -> Any:
+        """How far the robot is from what it cannot be, m: loads beyond their tubes, tubes drawn out or in too far."""
+        ends = [self.points[self.tube_end(i)] for i in range(self.tubes)]
+        margins = [*self.within, *ends, *(-beta for beta in self.translations)]
+        least = margins[0]
+        for each in margins[1:]:
+            least = ca.fmin(least, each)
+        return least
+
+    def present(self, order: Order, i: int, section: int) -> Any:
+        """One if a tube exists in a section."""
+        return 1.0 - order.passed(self.tube_end(i), section)
+
+    def precurvature(self, order: Order, i: int, section: int) -> tuple[Any, list[Any]]:
+        """``u*_i`` in a section: from where it is counted, and the coefficients of powers; zero past the tube's end."""
+        start, rows = 0.0, [ca.SX.zeros(3) for _ in range(max(len(rows) for _, rows in self.shapes[i]))]
+        for j, (key, coefficients) in enumerate(self.shapes[i]):
+            weight = order.within(key, ("tube", i, j + 1), section)
+            if isinstance(weight, float) and weight == 0.0:
+                continue
+            start += weight * self.points[key]
+            for d, row in enumerate(coefficients):
+                rows[d] += weight * row
+        return start, rows
+
+    def twist_behind(self, order: Order, i: int) -> Any:
+        """Integral of ``u*_i,z`` behind the entry point."""
+        twist = ca.SX(0)
+        for low, high, rows in self._pieces_behind(order, i):
+            for d, row in enumerate(rows):
+                twist += row[2] * (high ** (d + 1) - low ** (d + 1)) / (d + 1)
+        return twist
+
+    def energy_behind(self, order: Order, i: int) -> Any:
+        """Energy of holding curved parts straight behind the entry point, J."""
+        energy = ca.SX(0)
+        for low, high, rows in self._pieces_behind(order, i):
+            for d, row in enumerate(rows):
+                for e, other in enumerate(rows):
+                    power = d + e + 1
+                    energy += ca.dot(row[:2], other[:2]) * (high**power - low**power) / power
+        return 0.5 * self.bending_stiffness[i] * energy
+
+    def _pieces_behind(self, order: Order, i: int) -> Iterator[tuple[Any, Any, list[Any]]]:
+        """The parts of a tube's pieces behind the entry point: where they begin and end in the piece, coefficients."""
+        for j, (key, rows) in enumerate(self.shapes[i]):
+            rank = order.ranks[key]
+            if not (isinstance(rank, int) and rank >= 0):
+                start = self.points[key]
+                yield order.behind[key] - start, order.behind["tube", i, j + 1] - start, rows
+
+    # -- break points ---------------------------------------------------------------------------------------------
+
+    def add(self, key: Key, value: Any, nominal: float, end: Any = None) -> Key:
+        """A break point, which is kept in front of the ``end`` of what carries it."""
+        if self.clip and end is not None:
+            value = ca.if_else(value <= end, value, end)
+        self.points[key] = value
+        self.nominal[key] = float(nominal)
+        return key
+
+    def _fix_others(self) -> None:
+        """Break points of the configuration by which loads given as functions are resolved stay where they are."""
+        known = np.array(list(self.nominal.values()))
+        for k, s in enumerate(self.configuration.break_points):
+            if np.abs(known - s).min() > SAME_POINT * self.configuration.length:
+                self.add(("fixed", k), float(s), float(s), self.length)
+
+
+def _polynomials(piece: Any, name: str, stretch: Any, of: Parametric) -> list[tuple[Any, list[Any]]]:
+    """Lengths of the polynomials that a piece consists of, and their coefficients."""
+    length = stretch * piece.length
+    if isinstance(piece, SampledCurvature):
+        widths = [stretch * float(width) for width in np.diff(piece.arc_length)]
+        samples = ca.horzcat(*of.rows(f"{name}.curvature")).T
+        return [
+            (width, [(ca.DM(row).T @ samples).T / stretch**d for d, row in enumerate(basis)])
+            for width, basis in zip(widths, piece.basis().transpose(1, 0, 2), strict=True)
+        ]
+    if isinstance(piece, PolynomialCurvature):
+        return [(length, along_arc_length(of.rows(f"{name}.coefficients"), length))]
+    return [(length, of.rows(f"{name}.curvature") if hasattr(piece, "curvature") else [ca.DM.zeros(3)])]

@@ -1,0 +1,203 @@
+"""The data of steps and of the entry point as expressions of parameters, in the columns that ``columns.py`` packs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from ..checks import Array
+from ..mechanics.fields import LoadKind
+from ..mechanics.so3 import quaternion_of_angles, quaternion_product
+from .columns import EntryColumn, StepColumns
+from .ordering import Order
+from .parametric import Parametric
+from .parametric_loads import Density
+
+
+@attrs.frozen(eq=False)
+class Sample:
+    """The values ``(3, places)`` of a load given as a function of numbers, at places that parameters may move."""
+
+    places: Any
+    value: Any
+    function: Callable[[float], Any]
+
+
+class ParametricColumns:
+    """Columns of a parametric robot whose break points stand in an order."""
+
+    def __init__(self, parametric: Parametric, order: Order, kind: LoadKind) -> None:
+        self.parametric = parametric
+        self.order = order
+        self.kind = kind
+        self.samples: list[Sample] = []
+        self._scales = parametric.configuration.scales
+        self._pieces: dict[tuple[int, int], tuple[Any, list[Any]]] = {}
+
+    def place(self, section: int, fraction: float) -> Any:
+        """``s`` at a fraction of a section."""
+        start, end = self.order.places[section], self.order.places[section + 1]
+        return start + float(fraction) * (end - start)
+
+    def step(self, section: int, low: float, high: float, fractions: Array, *, jump: bool = True) -> Any:
+        """The column of a step between two fractions of a section, with point loads at its end, if it ends that."""
+        layout = StepColumns(self.parametric.tubes, len(fractions), self.kind)
+        start, end, nodes = self._nodes(section, low, high, fractions)
+        of, order, tubes = self.parametric, self.order, range(self.parametric.tubes)
+        data = {
+            "length": end - start,
+            "bending_stiffness": ca.vertcat(*(of.present(order, i, section) * of.bending_stiffness[i] for i in tubes)),
+            "torsional_stiffness": ca.vertcat(*of.torsional_stiffness),
+            "precurvature": self._curvatures(section, nodes),
+            **self._distributed(section, nodes),
+            **self._points(section + 1, end, active=jump and high == 1.0),
+        }
+        return _column(data, layout.parts, layout.units(self._scales))
+
+    def slopes(self, section: int, low: float, high: float, fractions: Array) -> Any:
+        """``du*_i / ds (3 tubes,)`` at the nodes of such a step, one node behind the other, dimensionless."""
+        *_, nodes = self._nodes(section, low, high, fractions)
+        return self._curvatures(section, nodes, derivative=True) * self._scales.length**2
+
+    def _nodes(self, section: int, low: float, high: float, fractions: Array) -> tuple[Any, Any, Any]:
+        """Start and end of a step, and its nodes in a row."""
+        start, end = self.place(section, low), self.place(section, high)
+        return start, end, start + ca.SX(ca.DM(fractions)).T * (end - start)
+
+    def entry(self, total_force: Any) -> Any:
+        """The column of the entry point; ``total_force`` is that of the dead loads behind it, dimensionless."""
+        of, robot = self.parametric, self.parametric.configuration.robot
+        layout = EntryColumn(of.tubes, self.kind)
+        rotations, moved, turned = of.base
+        units = layout.units(self._scales)
+        point = self._points(0, 0.0, active=True)
+        base = ca.SX(ca.DM(of.configuration.robot.base_quaternion))
+        data = {
+            "position": ca.DM(robot.base_pose[:3, 3]) + moved,
+            "orientation": quaternion_product(base, quaternion_of_angles(ca.SX(turned))),
+            "rotations": rotations,
+            "twist": ca.vertcat(*(of.twist_behind(self.order, i) for i in range(of.tubes))),
+            "compliance": ca.vertcat(
+                *(-beta / stiffness for beta, stiffness in zip(of.translations, of.torsional_stiffness, strict=True))
+            ),
+            "force": total_force + point["point_force"] * units["point_force"],
+            **point,
+        }
+        return _column(data, layout.parts, units)
+
+    @property
+    def straightening_energy(self) -> Any:
+        """Of curved parts held straight behind the entry point, J."""
+        return sum(self.parametric.energy_behind(self.order, i) for i in range(self.parametric.tubes))
+
+    # -- parts -----------------------------------------------------------------------------------------------------
+
+    def _curvatures(self, section: int, nodes: Any, *, derivative: bool = False) -> Any:
+        """``u*_i`` of all tubes at places in a section, or the derivatives by ``s``, one place behind the other."""
+        values = []
+        for i in range(self.parametric.tubes):
+            if (i, section) not in self._pieces:
+                self._pieces[i, section] = self.parametric.precurvature(self.order, i, section)
+            start, rows = self._pieces[i, section]
+            if derivative:
+                rows = [float(d) * row for d, row in enumerate(rows)][1:] or [ca.SX.zeros(3)]
+            powers = [ca.SX.ones(nodes.shape)]
+            for _ in rows[1:]:
+                powers.append(powers[-1] * (nodes - start))
+            values.append(ca.horzcat(*rows) @ ca.vertcat(*powers))
+        return ca.vec(ca.vertcat(*values))
+
+    def _distributed(self, section: int, nodes: Any) -> dict[str, Any]:
+        """Loads per arc length at places in a section."""
+        order, total = self.order, _Sums(self.parametric.tubes, nodes.shape[1])
+        for push in self.parametric.loads.pushes:
+            weight = 0.0 if push.end is None else order.within(push.start, push.end, section)
+            if isinstance(weight, float) and weight == 0.0:
+                continue
+            force, moment = (self._density(density, section, nodes) for density in (push.force, push.moment))
+            total.add(push.tube, push.body, weight * force, weight * moment)
+        fields = [
+            (push.field, order.within(push.start, push.end, section) * push.factor)
+            for push in self.parametric.loads.fields
+            if push.end is not None
+        ]
+        return self._named(total, nodes, fields, "")
+
+    def _points(self, position: int, s: Any, *, active: bool) -> dict[str, Any]:
+        """Point loads at a position."""
+        total, order, fields = _Sums(self.parametric.tubes, 1), self.order, []
+        for push in self.parametric.loads.pushes if active else ():
+            if push.end is None:
+                weight = order.at(push.start, position)
+                total.add(push.tube, push.body, weight * push.force, weight * push.moment)
+        for spring in self.parametric.loads.fields if active else ():
+            if spring.end is None:
+                fields.append((spring.field, order.at(spring.start, position) * spring.factor))
+        return self._named(total, ca.SX(s), fields, "point_")
+
+    def _named(self, total: _Sums, places: Any, fields: list[Any], prefix: str) -> dict[str, Any]:
+        factors = [ca.SX(0) for _ in self.kind.fields]
+        for field, factor in fields:
+            factors[self.kind.fields.index(field)] += factor
+        data = {
+            "force": ca.vec(total.force),
+            "moment": ca.vec(ca.vertcat(*total.moment)),
+            "body_force": ca.vec(ca.vertcat(*total.body_force)),
+            "body_moment": ca.vec(ca.vertcat(*total.body_moment)),
+            "place": places.T,
+            "unit": self._scales.length,
+            "field": ca.repmat(ca.vertcat(*factors), places.shape[1], 1),
+        }
+        return {prefix + name: part for name, part in data.items()}
+
+    def _density(self, density: Density, section: int, nodes: Any) -> Any:
+        """A load per arc length at places in a section, ``(3, places)``."""
+        if density.function is not None:
+            value = ca.SX.sym("load", 3, nodes.shape[1])
+            self.samples.append(Sample(nodes, value, density.function))
+            return value
+        if not density.knots:
+            return ca.repmat(density.rows[0], 1, nodes.shape[1])
+        value, order = ca.SX.zeros(3, nodes.shape[1]), self.order
+        for j, slope in enumerate(density.slopes):
+            weight = order.within(density.knots[j], density.knots[j + 1], section)
+            if not (isinstance(weight, float) and weight == 0.0):
+                value += weight * (
+                    ca.repmat(density.rows[j], 1, nodes.shape[1]) + slope @ (nodes - density.arc_length[j])
+                )
+        return value
+
+
+class _Sums:
+    """Forces and the tubes' moments that add up at places, ``(3, places)`` each."""
+
+    def __init__(self, tubes: int, places: int) -> None:
+        self.force = ca.SX.zeros(3, places)
+        self.moment, self.body_force, self.body_moment = (
+            [ca.SX.zeros(3, places) for _ in range(tubes)] for _ in range(3)
+        )
+
+    def add(self, tube: int, body: bool, force: Any, moment: Any) -> None:
+        if body:
+            self.body_force[tube] += force
+            self.body_moment[tube] += moment
+        else:
+            self.force += force
+            self.moment[tube] += moment
+
+
+def _column(data: dict[str, Any], parts: dict[str, slice], units: dict[str, float]) -> Any:
+    return ca.densify(ca.SX(ca.vertcat(*(data[name] * units[name] for name in parts))))
+
+
+def fractions_of(mesh: Array, start: float, end: float, slack: float) -> Array:
+    """Where the nodes of a mesh cut a section, as fractions of it, both ends included."""
+    if end - start <= slack:
+        return np.array([0.0, 1.0])
+    nodes = mesh[1:, 0]
+    inner = nodes[(nodes > start + slack) & (nodes < end - slack)]
+    return np.concatenate(([0.0], (inner - start) / (end - start), [1.0]))

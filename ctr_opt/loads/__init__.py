@@ -1,0 +1,1 @@
+"""Loads on a robot, one file a kind: frozen, validated values in plain numpy."""

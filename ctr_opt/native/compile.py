@@ -1,0 +1,210 @@
+"""C text made into loaded libraries: compiled once per machine, kept on disk, in the background if wanted."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import json
+import logging
+import os
+import platform
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from ..errors import CompilationError as CompilationError
+from ..version import __version__
+from .cache import DIRECTORY, Entry, cache_directory
+from .compiler import FLAGS, TUNINGS, leaving, private_directory, required, switched_off
+from .compiler import Compiler as Compiler
+from .compiler import compiler as compiler
+from .compiler import on_request_only as on_request_only
+
+_LOG = logging.getLogger(__name__)
+_loaded: dict[str, ctypes.CDLL] = {}  # by key
+_said: dict[str, object] = {}
+
+
+def load(name: str, source: str | Callable[[], str], content: str | None = None) -> ctypes.CDLL:
+    """The library compiled from C ``source``: from this process, from the cache on disk, or compiled now.
+
+    Of processes that start at once one compiles, and the others wait for it. A cache that cannot be used or trusted
+    is done without, which is logged once.
+
+    Parameters
+    ----------
+    name
+        A word for the file's name, to tell entries apart when looking at them.
+    source
+        C11, with the functions to call exported; or a function that writes it, called where it must be compiled.
+    content
+        What tells this source from others, needed with a function; default: the source itself.
+
+    Raises
+    ------
+    CompilationError
+        There is no compiler, compilation is switched off, or the compiler failed: the message has its last lines.
+
+    Examples
+    --------
+    >>> if compiler():
+    ...     library = load("answer", "int answer(void) { return 42; }")
+    ...     assert library.answer() == 42
+    """
+    found = required()
+    key = _key(_content(source, content), found)
+    if key not in _loaded:
+        _loaded[key] = _load(name, key, source, found)
+    return _loaded[key]
+
+
+def kept(name: str, content: str) -> ctypes.CDLL | None:
+    """The library of this content if it was compiled before; nothing is compiled, written or logged."""
+    found = compiler()
+    if found is None:
+        return None
+    key = _key(content, found)
+    if key not in _loaded:
+        try:
+            library = Entry(cache_directory(), name, key).load()
+        except OSError:
+            return None
+        if library is None:
+            return None
+        _loaded[key] = library
+    return _loaded[key]
+
+
+def _content(source: str | Callable[[], str], content: str | None) -> str:
+    if content is not None:
+        return content
+    assert isinstance(source, str)
+    return source
+
+
+def _load(name: str, key: str, source: str | Callable[[], str], found: Compiler) -> ctypes.CDLL:
+    try:
+        entry = Entry(cache_directory(), name, key)
+        library = entry.load()
+    except OSError as error:
+        entry, library = None, None
+        _cannot_keep(error)
+    return library or _build(entry, source, found)
+
+
+def _build(entry: Entry | None, source: str | Callable[[], str], found: Compiler) -> ctypes.CDLL:
+    """Compile in a private directory, into which no other process looks, and keep the result if possible."""
+    built = None
+
+    def build() -> Path:
+        return found.build(source if isinstance(source, str) else source(), directory)
+
+    with private_directory() as directory:
+        if entry is not None:
+            try:
+                with entry.lock():
+                    library = entry.load()  # another process may have built it meanwhile
+                    if library is not None:
+                        return library
+                    built = build()
+                    return entry.store(built)
+            except OSError as error:
+                _cannot_keep(error)
+        built = built or build()
+        try:
+            return ctypes.CDLL(str(built))  # stays loaded when its file is removed
+        except OSError as error:
+            raise CompilationError(f"the compiled library does not load: {error}") from error
+
+
+def _cannot_keep(error: OSError) -> None:
+    _warn_once(f"compiled code is not kept for the next time: {error}; {DIRECTORY} names another directory")
+
+
+def _key(source: str, found: Compiler) -> str:
+    """Digest of all that the library depends on; the tuning chosen follows from compiler and processor."""
+    parts: list[Any] = [source, found.command, found.version, FLAGS, TUNINGS, ca.CasadiMeta.version(), __version__]
+    parts += [sys.platform, platform.machine(), _processor()]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+
+@cache
+def _processor() -> str:
+    """What tells processors apart for the compiler: on Linux the features, elsewhere the model."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():
+            if line.startswith(("flags", "Features")):
+                return line.partition(":")[2].strip()
+    return platform.processor()
+
+
+class Build:
+    """A library being built in a thread, that is never waited for unless asked, nor ever in the way.
+
+    ``error`` tells why there will be none; it was logged, once per process.
+
+    A process forked meanwhile has no such thread and starts its own when it asks; so does a copy by pickle.
+    """
+
+    def __init__(self, name: str, source: Callable[[], str], content: str | None = None) -> None:
+        self._name, self._source, self._content = name, source, content
+        self._library: ctypes.CDLL | None = None
+        self.error: Exception | None = None
+        self._begin()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Build, (self._name, self._source, self._content)
+
+    def _begin(self) -> None:
+        self._process = os.getpid()
+        self._thread = threading.Thread(target=self._work, name=f"ctr_opt compiles {self._name}", daemon=True)
+        try:
+            self._thread.start()
+        except RuntimeError as error:  # no more threads, or the interpreter exits
+            self._fail(error)
+
+    def _work(self) -> None:
+        try:
+            required()  # before the source is written in vain
+            self._library = load(self._name, self._source if self._content else self._source(), self._content)
+        except Exception as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self.error = error
+        if leaving.is_set() or switched_off() or compiler() is None:
+            return  # nobody to tell, the user's choice, or told when the compiler was looked for
+        _warn_once(f"compilation failed, and CasADi's virtual machine is used, about ten times slower: {error}")
+
+    def _follow_fork(self) -> None:
+        if self._process != os.getpid() and self._library is None and self.error is None:
+            self._begin()
+
+    def ready(self) -> bool:
+        """Whether the library is there; does not wait."""
+        self._follow_fork()
+        return self._library is not None
+
+    def result(self, timeout: float | None = None) -> ctypes.CDLL | None:
+        """The library, waited for at most ``timeout`` seconds; None if it is not there by then, or failed."""
+        self._follow_fork()
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+        return self._library
+
+
+def start(name: str, source: Callable[[], str], content: str | None = None) -> Build:
+    """Build the library of the C text that ``source`` returns, in the background; see :func:`load`."""
+    return Build(name, source, content)
+
+
+def _warn_once(message: str) -> None:
+    mine = object()
+    if _said.setdefault(message, mine) is mine:
+        _LOG.warning(message)

@@ -1,0 +1,184 @@
+"""Parameters as combinations of the directions that compiled code knows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+import attrs
+import numpy as np
+
+from ..checks import Array
+from ..errors import DefinitionError
+from ..loads.gravity import Gravity, PointMass
+from ..loads.wrenches import DistributedLoad, Load, PointWrench
+from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature
+from ..robot.robot import Robot
+from ..robot.tube import Tube
+from .calls import Questions
+
+Row = tuple[int, int, int]
+_KIND = {name: k for k, name in enumerate(Questions.KINDS)}
+_STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+_SOURCES = ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter")
+
+
+@attrs.frozen(eq=False)
+class Directions:
+    """Directions, the changes of precurvature among them, and parameters as combinations ``(rows, parameters)``."""
+
+    rows: list[Row]
+    tables: Array
+    combination: Array
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        loads: Sequence[Load],
+        load_rows: Mapping[int, int],
+        names: Sequence[str],
+        probes: int,
+    ) -> Directions:
+        """Those of the named parameters; ``load_rows`` says in which row each load stands, behind the probes'."""
+        made = _Collected(robot)
+        for name in names:
+            made.add(name, loads, load_rows, probes)
+        combination = np.zeros((len(made.rows), len(made.columns)))
+        for column, parts in enumerate(made.columns):
+            for row, weight in parts.items():
+                combination[row, column] = weight
+        return cls(list(made.rows), np.array(made.tables), combination)
+
+
+def supported(name: str, robot: Robot, loads: Sequence[Load] = ()) -> bool:
+    """Whether compiled code takes derivatives by this parameter.
+
+    By ``rotations``, ``translations``, ``base.translation``, ``base.rotation``; stiffnesses, moduli and, without
+    weights, diameters of tubes; curvatures and coefficients of their pieces; force, moment and arc length of point
+    wrenches, arc lengths of point masses, force and moment of constant distributed loads.
+    """
+    return _of(name, robot, loads) is not None
+
+
+class _Collected:
+    """Directions without repetition, and what each number of a parameter takes of them."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.rows: dict[Row, int] = {}
+        self.tables: list[Array] = []
+        self.columns: list[dict[int, float]] = []
+
+    def add(self, name: str, loads: Sequence[Load], load_rows: Mapping[int, int], probes: int) -> None:
+        """The directions of a parameter."""
+        probe = re.fullmatch(r"probes\[(\d+)\]\.arc_length", name)
+        if probe and int(probe[1]) < probes:
+            self._number({(_KIND["place"], int(probe[1]), 0): 1.0})
+            return
+        found = _of(name, self.robot, loads)
+        if found is None:
+            raise DefinitionError(f"{name!r}: compiled code takes no derivatives by it")
+        found(self, load_rows)
+
+    def _number(self, parts: Mapping[Row, float]) -> None:
+        self.columns.append({self.rows.setdefault(row, len(self.rows)): weight for row, weight in parts.items()})
+
+    def plain(self, kind: str, places: Sequence[tuple[int, int]]) -> None:
+        """One direction for each number."""
+        for place in places:
+            self._number({(_KIND[kind], *place): 1.0})
+
+    def stiffness(self, i: int, bending: float, torsional: float) -> None:
+        """A number on which both stiffnesses of a tube depend."""
+        parts = {(_KIND["bending"], i, 0): bending, (_KIND["torsional"], i, 0): torsional}
+        self._number({row: weight for row, weight in parts.items() if weight != 0.0})
+
+    def curvature(self, i: int, k: int) -> None:
+        """The numbers of a piece of precurvature."""
+        shapes = [tube.shape for tube in self.robot.tubes]
+        counts = [shape.coefficients.shape[1] for shape in shapes]
+        degree = max(len(shape.coefficients) for shape in shapes)
+        pieces = self.robot.tubes[i].precurvature
+        first = sum(counts[:i]) + sum(piece.polynomial().coefficients.shape[1] for piece in pieces[:k])
+        for basis in _basis(pieces[k]):  # (degree + 1, pieces)
+            for r in range(3):
+                table = np.zeros((sum(counts), degree, 3))
+                table[first : first + basis.shape[1], : len(basis), r] = basis.T
+                self._number({(_KIND["precurvature"], len(self.tables), i): 1.0})
+                self.tables.append(table)
+
+
+def _basis(piece: PrecurvaturePiece) -> list[Array]:
+    """The polynomials ``(degree + 1, pieces)`` that the rows of a piece's numbers multiply."""
+    if isinstance(piece, SampledCurvature):
+        return list(np.moveaxis(piece.basis(), -1, 0))
+    if isinstance(piece, PolynomialCurvature):
+        return list(np.diag(piece.length ** -np.arange(float(len(piece.coefficients))))[:, :, None])
+    return [np.ones((1, 1))]
+
+
+_Added = Callable[[_Collected, Mapping[int, int]], None]
+
+
+def _of(name: str, robot: Robot, loads: Sequence[Load]) -> _Added | None:
+    """What adds the directions of a parameter, or None."""
+    tubes, axes = range(len(robot.tubes)), range(3)
+    if name in ("rotations", "translations"):
+        return lambda made, _: made.plain(name[:-1], [(i, 0) for i in tubes])
+    if name in ("base.translation", "base.rotation"):
+        kind = "position" if name == "base.translation" else "turn"
+        return lambda made, _: made.plain(kind, [(0, r) for r in axes])
+    match = re.fullmatch(r"(tubes|loads)\[(\d+)\]\.(?:precurvature\[(\d+)\]\.)?(\w+)", name)
+    if match is None:
+        return None
+    what, i, k, field = match[1], int(match[2]), match[3], match[4]
+    if i >= len(robot.tubes if what == "tubes" else loads):
+        return None
+    if what == "loads":
+        return None if k else _of_load(i, field, loads[i])
+    return _of_piece(robot, i, int(k), field) if k else _of_tube(robot.tubes[i], i, field, loads)
+
+
+def _of_piece(robot: Robot, i: int, k: int, field: str) -> _Added | None:
+    pieces = robot.tubes[i].precurvature
+    kinds = {"curvature": (Arc, SampledCurvature), "coefficients": (PolynomialCurvature,)}.get(field, ())
+    if k >= len(pieces) or not isinstance(pieces[k], kinds):
+        return None
+    return lambda made, _: made.curvature(i, k)
+
+
+def _of_load(j: int, field: str, load: Load) -> _Added | None:
+    if isinstance(load, DistributedLoad) and field in ("force", "moment"):
+        if not isinstance(load.force, np.ndarray) or not isinstance(load.moment, np.ndarray):
+            return None
+        return lambda made, rows: made.plain(f"span_{field}", [(rows[j], r) for r in range(3)])
+    if isinstance(load, PointWrench) and field in ("force", "moment"):
+        return lambda made, rows: made.plain(field, [(rows[j], r) for r in range(3)])
+    if isinstance(load, (PointWrench, PointMass)) and field == "arc_length" and load.arc_length is not None:
+        return lambda made, rows: made.plain("place", [(rows[j], 0)])
+    return None
+
+
+def _of_tube(tube: Tube, i: int, field: str, loads: Sequence[Load]) -> _Added | None:
+    if field in _STIFFNESSES:
+        return lambda made, _: made.plain(field.removesuffix("_stiffness"), [(i, 0)])
+    heavy = tube.density > 0.0 and any(isinstance(load, Gravity) for load in loads)
+    if field not in _SOURCES or (heavy and field.endswith("diameter")) or getattr(tube, field) is None:
+        return None
+    return lambda made, _: made.stiffness(i, *_stiffness_rates(tube, field))
+
+
+def _stiffness_rates(tube: Tube, field: str) -> tuple[float, float]:
+    """Derivatives of ``EI`` and ``GJ`` by a modulus or a diameter; none of a stiffness that is given."""
+    ei, gj = (0.0 if s in tube.given_stiffnesses else float(getattr(tube, s)) for s in _STIFFNESSES)
+    value = float(getattr(tube, field))
+    if field == "youngs_modulus":
+        return ei / value, 0.0 if tube.poisson_ratio is None else gj / value
+    if field == "shear_modulus":
+        return 0.0, gj / value
+    if field == "poisson_ratio":
+        return 0.0, -gj / (1.0 + value)
+    sign = 1.0 if field == "outer_diameter" else -1.0
+    relative = sign * 4.0 * value**3 / (tube.outer_diameter**4 - tube.inner_diameter**4)
+    return ei * relative, gj * relative

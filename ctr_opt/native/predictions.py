@@ -1,0 +1,272 @@
+"""Residuals and predictions of many experiments at given unknowns, with exact derivatives, by compiled code.
+
+What estimates need of one robot that was seen in several experiments: not equilibria, but how far given moments at the
+entry point are from one, where the robot would then be, and how both change with the unknowns and with parameters.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from copy import copy
+from typing import Any, TypeAlias
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import Array, array, index, number
+from ..errors import DefinitionError
+from ..layout.configuration import SAME_POINT
+from ..loads.wrenches import Load
+from ..robot.actuation import Actuation
+from ..robot.names import chosen, parameters
+from ..robot.robot import Robot
+from .calls import LoadRows, Questions, RobotTable
+from .directions import Directions, supported
+from .library import library
+
+__all__ = ["Predicted", "Predictions", "Probe", "piecewise_constant", "supported"]
+
+
+@attrs.frozen
+class Probe:
+    """Where something is predicted: an arc length, m, or ``None``: a distal end; of a tube, or ``None``: the innermost.
+
+    ``Probe()`` is the tip. An arc length stays where it is when tubes are moved, a distal end moves along.
+    """
+
+    arc_length: float | None = None
+    tube: int | None = None
+
+
+Experiment: TypeAlias = tuple[Actuation, Sequence[Load]]
+
+
+@attrs.frozen(eq=False)
+class Predicted:
+    """What the model says of ``e`` experiments; rows of failed ones are not numbers.
+
+    Attributes
+    ----------
+    residual, slopes
+        ``(e, unknowns)``, N m and N: what is left of the conditions at the tip; its derivatives ``(e, unknowns,
+        unknowns + parameters)``.
+    poses, rates
+        ``(e, probes, 3, 4)``: orientation of the tube's material frame and position, m; ``(e, probes, 6, unknowns +
+        parameters)``: derivatives of the position, and world angular velocities.
+    curvatures, curvature_rates
+        ``(e, probes, 3)``: of the tube in its material frame, 1/m, behind any load there; at the tube's end the limit
+        from within it; ``(e, probes, 3, unknowns + parameters)``. None unless they were asked for.
+    forces, force_rates
+        ``(e, tubes)``: of the actuators on the tubes' bases, N, as ``Equilibrium.actuator_wrench`` has them, where the
+        precurvatures are constant piece by piece; ``(e, tubes, unknowns + parameters)``. None unless asked for.
+    failed
+        ``(e,)``: zero, or why there is nothing.
+    """
+
+    residual: Array
+    slopes: Array
+    poses: Array
+    rates: Array
+    failed: NDArray[np.intc]
+    curvatures: Array | None = None
+    curvature_rates: Array | None = None
+    forces: Array | None = None
+    force_rates: Array | None = None
+
+
+class Predictions:
+    """Experiments with one robot before its compiled model.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    names
+        Parameters by which derivatives are taken, see ``supported``; those of loads are of each experiment's own.
+        ``"probes[k].arc_length"``: of a probe, where it has one.
+    experiments
+        Actuation and loads of each.
+    probes
+        Probes, or pairs of an arc length and a tube: the same in every experiment, or one list for each, alike long.
+    refinements
+        How often the steps are halved.
+
+    Raises
+    ------
+    DefinitionError
+        A name that is not supported; a load that compiled code does not know; a probe that is not on its tube.
+    CompilationError
+        There is no compiler.
+
+    Examples
+    --------
+    >>> import ctr_opt as ctr
+    >>> from ctr_opt.native.predictions import Predictions, Probe
+    >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)
+    >>> push = ctr.PointWrench(force=[0.01, 0.0, 0.0])
+    >>> model = Predictions(ctr.Robot([tube]), ["loads[0].force"], [(ctr.Actuation([0.0], [0.0]), [push])], [Probe()])
+    >>> model.at([[0.0, 1e-3, 0.0]]).rates.shape  # of one experiment, one probe, by three unknowns and a force
+    (1, 1, 6, 6)
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        names: Sequence[str],
+        experiments: Sequence[Experiment],
+        probes: Sequence[Probe | tuple[float | None, int | None]] | Sequence[Sequence[Probe]],
+        refinements: int = 0,
+    ) -> None:
+        self.robot, self.refinements = robot, index(refinements, "refinements")
+        body = any(getattr(load, "frame", "world") == "body" for _, loads in experiments for load in loads)
+        self._native = library(len(robot.tubes), body).built()
+        self.unknowns = self._native.unknowns
+        self._table = RobotTable(robot)
+        every = zip(experiments, _each(probes, experiments), strict=True)
+        places = [_places(robot, actuation, own) for (actuation, _), own in every]
+        self._rows = [_rows(robot, loads, own) for (_, loads), own in zip(experiments, places, strict=True)]
+        self._addresses = np.array([rows.address for rows in self._rows], dtype=np.uintp)
+        self._loads = [tuple(loads) for _, loads in experiments]
+        self._actuations = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
+        _check(robot, names, *experiments[0])
+        self._ask(self._directions(names, experiments, len(places[0])), places)
+
+    def _ask(self, asked: list[Directions], places: list[list[tuple[float | None, int]]]) -> None:
+        """The questions of every experiment; its probes' rows are the first of its point loads."""
+        self._combination = asked[0].combination
+        self.parameters = self._combination.shape[1]
+        self._plain = np.array_equal(self._combination, np.eye(len(self._combination)))
+        own = np.array([[(k, tube) for k, (_, tube) in enumerate(each)] for each in places], dtype=np.intc)
+        directions = np.array([each.rows for each in asked], dtype=np.intc).reshape(len(asked), -1, 3)
+        self._questions = Questions(directions, asked[0].tables, own.reshape(len(asked), -1, 2))
+        self._sizes = len(asked), own.shape[1], directions.shape[1]
+
+    def moved(self, robot: Robot, actuations: Array, places: Mapping[int, Array] | None = None) -> Predictions:
+        """The same with another robot of equal pieces and actuations ``(e, 2 tubes)``, rotations and translations.
+
+        Loads stay, so that tubes' weights must be as they were, and so do probes, but for those with ``places``: arc
+        lengths ``(e,)`` by their numbers, each on the probe's tube.
+        """
+        other = copy(self)
+        other.robot, other._table, other._actuations = robot, RobotTable(robot), actuations
+        if places:
+            numbers, where = list(places), np.stack(list(places.values()), axis=1)
+            other._rows = [rows.placed(numbers, own) for rows, own in zip(self._rows, where, strict=True)]
+            other._addresses = np.array([rows.address for rows in other._rows], dtype=np.uintp)
+        return other
+
+    def numbers(self, name: str, experiment: int = 0) -> Array:
+        """A view of an experiment's own numbers; what is written there counts from then on.
+
+        ``"loads[k].force"``, ``"loads[k].moment"``, ``"loads[k].arc_length"``, ``"probes[k].arc_length"``,
+        ``"rotations"`` or ``"translations"``. Copies that were ``moved`` see it, too.
+        """
+        tubes = len(self.robot.tubes)
+        if name in ("rotations", "translations"):
+            own = self._actuations[experiment]
+            return np.asarray(own[:tubes] if name == "rotations" else own[tubes:])
+        match = re.fullmatch(r"(loads|probes)\[(\d+)\]\.(force|moment|arc_length)", name)
+        if match is None:
+            raise DefinitionError(f"{name!r} names no numbers of a load, a probe or an actuation")
+        k, rows = int(match[2]), self._rows[experiment]
+        if match[1] == "probes":
+            return rows.numbers(None, k, match[3])
+        return rows.numbers(self._loads[experiment][k], rows.rows[k], match[3])
+
+    def _directions(self, names: Sequence[str], experiments: Sequence[Experiment], probes: int) -> list[Directions]:
+        """Of each experiment; those whose loads are alike share them."""
+        made: dict[tuple[Any, ...], Directions] = {}
+        found = []
+        for (_, loads), rows in zip(experiments, self._rows, strict=True):
+            key = tuple(
+                (type(load), getattr(load, "arc_length", None) is None, rows.rows[k]) for k, load in enumerate(loads)
+            )
+            if key not in made:
+                made[key] = Directions.of(self.robot, loads, rows.rows, names, probes)
+            found.append(made[key])
+        if len({each.combination.shape for each in found}) > 1:
+            raise DefinitionError("experiments: loads of one name must be of one kind in all of them")
+        return found
+
+    def at(self, unknowns: Array, *, curvatures: bool = False, forces: bool = False) -> Predicted:
+        """Everything at unknowns ``(experiments, unknowns)``, N m and N, in the order of ``Equilibrium.unknowns``."""
+        if forces and not piecewise_constant(self.robot):
+            raise DefinitionError("forces: compiled code tells them of precurvatures that are constant piece by piece")
+        count, probes, directions = self._sizes
+        z = np.ascontiguousarray(array(unknowns, "unknowns", (count, self.unknowns)))
+        columns, tubes = self.unknowns + directions, len(self.robot.tubes)
+        residual, slopes = np.empty((count, self.unknowns)), np.empty((count, self.unknowns, columns))
+        poses, rates = np.empty((count, probes, 3, 4)), np.empty((count, probes, 6, columns))
+        bends, bend_rates = (np.empty((count, probes, 3, *x)) if curvatures else None for x in ((), (columns,)))
+        pushes, push_rates = (np.empty((count, tubes, *x)) if forces else None for x in ((), (columns,)))
+        failed = np.empty(count, dtype=np.intc)
+        case = (self._table.address, self._addresses.ctypes.data, self._actuations.ctypes.data, z.ctypes.data, count)
+        every = (residual, slopes, poses, rates, bends, bend_rates, pushes, push_rates)
+        out = [None if each is None else each.ctypes.data for each in every]
+        if self._native.models(*case, self.refinements, self._questions.addresses, *out, failed.ctypes.data):
+            for each in every:
+                if each is not None:
+                    each[failed != 0] = np.nan
+        slopes, rates = self._combined(slopes), self._combined(rates)
+        more = [None if each is None else self._combined(each) for each in (bend_rates, push_rates)]
+        return Predicted(residual, slopes, poses, rates, failed, bends, more[0], pushes, more[1])
+
+    def _combined(self, rates: Array) -> Array:
+        """From derivatives by directions to those by parameters."""
+        if self._plain:
+            return rates
+        return np.concatenate((rates[..., : self.unknowns], rates[..., self.unknowns :] @ self._combination), axis=-1)
+
+
+def piecewise_constant(robot: Robot) -> bool:
+    """Whether the tubes' precurvatures are constant piece by piece, so that compiled code tells actuators' forces."""
+    return all(len(tube.shape.coefficients) == 1 for tube in robot.tubes)
+
+
+def _each(probes: Sequence[object], experiments: Sequence[Experiment]) -> list[list[Probe]]:
+    """The probes of every experiment."""
+    if not experiments:
+        raise DefinitionError("experiments is empty")
+    own = bool(probes) and isinstance(probes[0], list)
+    every = list(probes) if own else [probes] * len(experiments)
+    made = [[each if isinstance(each, Probe) else Probe(*each) for each in row] for row in every]  # type: ignore[attr-defined]
+    if len(made) != len(experiments) or len({len(row) for row in made}) > 1:
+        raise DefinitionError("probes must be one list, or one of the same length for each experiment")
+    return made
+
+
+def _places(robot: Robot, actuation: Actuation, probes: Sequence[Probe]) -> list[tuple[float | None, int]]:
+    """Arc lengths, or None for the end, and tubes."""
+    ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
+    slack = SAME_POINT * float(ends.max())
+    found: list[tuple[float | None, int]] = []
+    for k, each in enumerate(probes):
+        tube = _innermost(ends, each.arc_length) if each.tube is None else index(each.tube, "tube", len(ends))
+        s = each.arc_length
+        if s is not None:
+            s = number(s, f"probes[{k}].arc_length", least=0.0, most=float(ends[tube]) + slack, unit="m")
+        found.append((s, tube))
+    return found
+
+
+def _innermost(ends: Array, s: float | None) -> int:
+    """The innermost tube present at an arc length, from the left at the tip; None: the tip."""
+    length = float(ends.max())
+    slack = SAME_POINT * length
+    tip = length - slack
+    return int(np.argmax(ends >= tip if s is None or s >= tip else ends > s + slack))
+
+
+def _rows(robot: Robot, loads: Sequence[Load], places: list[tuple[float | None, int]]) -> LoadRows:
+    rows = LoadRows.of(robot, loads, places)
+    if rows is None:
+        raise DefinitionError("loads: compiled code knows those that are constant or fixed to a tube alone")
+    return rows
+
+
+def _check(robot: Robot, names: Sequence[str], actuation: Actuation, loads: Sequence[Load]) -> None:
+    """Raise an error for names that are none, stand twice, or do not act."""
+    own = [name for name in names if not name.startswith("probes[")]
+    chosen(parameters(robot, actuation, loads), own)
