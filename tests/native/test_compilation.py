@@ -258,8 +258,8 @@ def test_a_process_killed_while_compiling_leaves_nothing_in_the_way(cache, calls
 
 KILLED_AT = """
 import os, signal, sys
-from ctr_opt.solvers import library_cache
-from ctr_opt.solvers.compilation import load
+from ctr_opt.native import cache as library_cache
+from ctr_opt.native.compile import load
 at, calls, real = int(sys.argv[2]), 0, {}
 def dying(name):
     def call(*arguments, **named):
@@ -520,7 +520,7 @@ def test_switched_off(monkeypatch, caplog, calls):
 
 EXIT = """
 import sys, time
-from ctr_opt.solvers.compilation import start
+from ctr_opt.native.compile import start
 build = start("answer", lambda: sys.argv[1])
 while not __import__("os").path.exists(sys.argv[2]):
     time.sleep(0.01)
@@ -536,7 +536,7 @@ def test_exit_ends_an_unfinished_build(cache, calls):
 
 FORK = """
 import os, signal, sys, time
-from ctr_opt.solvers.compilation import start
+from ctr_opt.native.compile import start
 signal.alarm(50)
 build = start("answer", lambda: sys.argv[1])
 while not os.path.exists(sys.argv[2]):
