@@ -1,10 +1,12 @@
 """The benchmarks run and tell the truth: their reference solver has the digits, and so has all that they time."""
 
+import re
+
 import numpy as np
 import pytest
 
 import ctr_opt as ctr
-from benchmarks import reference
+from benchmarks import against, reference
 from benchmarks.__main__ import MODES, REFERENCES, main
 from benchmarks.work import nested, plain, three_tubes
 from tests.support.physics import data
@@ -89,3 +91,12 @@ def test_the_neighbours_are_what_the_docs_say():
         np.testing.assert_allclose(np.abs(target.translations - work.actuation.translations), 2e-4, atol=1e-15)
     assert isinstance(work.loads[0], ctr.PointWrench)
     assert not work.loads[0].nonconservative
+
+
+def test_two_trees_take_turns(capsys):
+    """A tree beside itself: the median of paired ratios between its quartiles."""
+    against.main([str(against.ROOT), "--only", "import of the package", "--turns", "2"])
+    (line,) = capsys.readouterr().out.splitlines()
+    middle, low, high, microseconds = (float(number) for number in re.findall(r"\d+\.\d+", line))
+    assert 0.0 < low <= middle <= high
+    assert microseconds > 0.0
