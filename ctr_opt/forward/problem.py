@@ -115,8 +115,8 @@ class ForwardProblem:
         CompilationError
             There is no compiler, or it failed.
         """
-        self._requested = True
         library(len(self.robot.tubes), False).built()
+        self._requested = True
 
     @property
     def compiles(self) -> bool:

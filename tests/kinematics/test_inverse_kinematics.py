@@ -12,6 +12,8 @@ from ctr_opt.kinematics.least_distance import bounded_step, least_distance
 from ctr_opt.kinematics.limits import Allowed, joints_of
 from ctr_opt.kinematics.search import Point
 from ctr_opt.kinematics.targets import LENGTH, Target, _turn_between, rotation
+from ctr_opt.native import library as libraries
+from ctr_opt.native.compiler import SWITCH
 from tests.support.physics import robot as made
 from tests.support.physics import tube
 
@@ -442,3 +444,15 @@ def test_the_benchmark_runs(bench, shape):
     seconds, reached = by_scipy(bench, shape.tip_position)
     assert seconds > 0.0
     assert reached in (True, False)
+
+
+def test_it_works_where_nothing_can_be_compiled(monkeypatch):
+    """Compilation that is switched off is no error unless it was asked for."""
+    libraries.library.cache_clear()
+    monkeypatch.setenv(SWITCH, "0")
+    rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)])
+    start = ctr.ForwardProblem(rod).solve(ctr.Actuation([0.0], [-0.02]))
+    problem = ctr.InverseKinematicsProblem(rod)
+    goal = ctr.ForwardProblem(rod).solve(ctr.Actuation([0.1], [-0.021])).tip_position
+    assert problem.solve(goal, initial=start).position_error < 1e-6
+    assert not problem.forward.compiles
