@@ -15,8 +15,7 @@ from scipy.stats import chi2, ncx2
 
 import ctr_opt as ctr
 from ctr_opt.force.systematic import CONSISTENT
-from ctr_opt.robot.names import parameters
-from ctr_opt.robot.replacing import robot_with
+from ctr_opt.robot.names import parameters, robot_with
 
 from .calibration_statistics import central
 

@@ -7,7 +7,6 @@ beside the parameters, and ``reduced.py``, where equilibria and places are solve
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import cached_property
@@ -30,6 +29,7 @@ from ..estimation.symbolic_model import GroupModel, structure
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..layout.configuration import Configuration
+from ..robot.names import parsed
 from ..robot.robot import Robot
 from .unknowns import Parameter, Unknowns
 
@@ -492,9 +492,10 @@ def _ends_x(mixing: Array, sizes: dict[str, int], tubes: int) -> Array:
     """``d ends / dx`` of the tubes, from the numbers of these names: translations, and lengths of pieces."""
     ends, start = np.zeros((len(mixing), tubes, mixing.shape[2])), 0
     for name, size in sizes.items():
-        if name == "translations":
-            ends += mixing[:, start : start + size]
-        elif found := re.fullmatch(r"tubes\[(\d+)\]\.precurvature\[\d+\]\.length", name):
-            ends[:, int(found[1])] += mixing[:, start]
+        match parsed(name):
+            case ("translations",):
+                ends += mixing[:, start : start + size]
+            case ("tubes", int(i), "precurvature", _, "length"):
+                ends[:, i] += mixing[:, start]
         start += size
     return ends

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..checks import Array
 from ..errors import EstimationError
 from ..estimation.measurements import Somewhere, arc_length_of
+from ..robot.names import symbol
 from ..robot.robot import Robot
 from .estimation import Estimation, Linearized
 from .reduced import Found
@@ -26,7 +27,6 @@ from .uncertainty import (
     directions,
     information,
     is_factor,
-    symbol,
     taking_part,
 )
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .report import is_point, point_errors, unit_of
-from .uncertainty import symbol
+from ..robot.names import symbol
+from .report import is_point, point_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,7 +84,8 @@ def plot_ellipse(fit: Fit, ax: Axes | None = None, *, pair: tuple[str, str] | No
         ax.set_axis_off()
         return ax
     i, j = found
-    (fi, ui), (fj, uj) = unit_of(fit.labels[i]), unit_of(fit.labels[j])
+    units = fit.estimation.unknowns.units
+    (fi, ui), (fj, uj) = units[i], units[j]
     values = fit.estimates[[i, j]]
     block = fit.covariance[np.ix_([i, j], [i, j])]
     angle = np.linspace(0.0, 2.0 * np.pi, 200)

@@ -11,6 +11,7 @@ from ..errors import DefinitionError, EstimationError
 from ..estimation.experiment import Experiment
 from ..estimation.sensors import names_of
 from ..forward.equilibrium import Equilibrium
+from ..robot.names import parsed
 from ..robot.robot import Robot
 from .estimation import Estimation, Progress
 from .fit import Fit
@@ -88,10 +89,10 @@ class CalibrationProblem:
         """Refuse poses of sensors that nothing was measured with."""
         there = names_of([request for each in self.experiments for request in each.requests])
         for entry in self._estimation.unknowns.entries:
-            name = entry.acts_on[0].split(".")[1] if entry.acts_on[0].startswith("sensors.") else None
-            if name is not None and name not in there:
-                known = ", ".join(map(repr, there)) or "none"
-                raise DefinitionError(f"{entry.name!r}: no measurement is of a sensor {name!r}; there are: {known}")
+            match parsed(entry.acts_on[0]):
+                case ("sensors", name, _) if name not in there:
+                    known = ", ".join(map(repr, there)) or "none"
+                    raise DefinitionError(f"{entry.name!r}: no measurement is of a sensor {name!r}; there are: {known}")
 
     @property
     def robot(self) -> Robot:

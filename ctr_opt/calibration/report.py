@@ -18,8 +18,8 @@ from ..estimation.measurements import (
     Somewhere,
     TangentMeasurement,
 )
+from ..robot.names import symbol
 from .fit import REJECTED
-from .uncertainty import symbol
 
 if TYPE_CHECKING:
     from .fit import Fit, Residual
@@ -27,35 +27,6 @@ if TYPE_CHECKING:
 _POINTS = PositionMeasurement, BackboneMeasurement, PoseMeasurement
 _FEW = 6  # arc lengths that are told one by one
 _CORRELATED = 0.9  # pairs of parameters from here on are named
-_UNITS = (  # how a number is told: the end of its parameter's name, factor, unit
-    ("stiffness", 1.0, "N m^2"),
-    ("modulus", 1e-9, "GPa"),
-    ("diameter", 1e3, "mm"),
-    ("length", 1e3, "mm"),
-    ("translation_offset", 1e3, "mm"),
-    ("translations", 1e3, "mm"),
-    (".translation", 1e3, "mm"),
-    (".rotation", 180.0 / np.pi, "deg"),
-    ("rotation_offset", 180.0 / np.pi, "deg"),
-    ("rotations", 180.0 / np.pi, "deg"),
-    ("force", 1.0, "N"),
-    ("force_density", 1.0, "N/m"),
-    (".density", 1.0, "kg/m^3"),
-    ("moment", 1e3, "N mm"),
-    ("curvature", 1.0, "1/m"),
-    ("coefficients", 1.0, "1/m"),
-)
-
-
-def unit_of(label: str) -> tuple[float, str]:
-    """By what a number is multiplied to be told in which unit."""
-    name = label.split("[")[0] if label.startswith(("rotations", "translations")) else label
-    stem = name.rsplit(".", 1)[0] if name.endswith((".x", ".y", ".z")) else name
-    stem = stem[: stem.rindex("[")] if stem.endswith("]") else stem
-    for end, factor, unit in _UNITS:
-        if stem.endswith(end):
-            return factor, unit
-    return 1.0, ""
 
 
 def fit_report(fit: Fit) -> str:
@@ -113,9 +84,8 @@ def parameter_table(fit: Fit) -> list[str]:
     """A line for each number: nominal, estimate, standard error."""
     unknowns = fit.estimation.unknowns
     lines = [f"  {'parameter':<36}{'start':>12}{'estimate':>14}{'+-':>12}   {'unit':<6}"]
-    factors = {entry.name for entry in unknowns.entries if entry.factors is not None}
-    for label, start, value, error in zip(fit.labels, unknowns.initial, fit.estimates, fit.deviations, strict=True):
-        factor, unit = (1.0, "") if label in factors else unit_of(label)
+    every = zip(fit.labels, unknowns.units, unknowns.initial, fit.estimates, fit.deviations, strict=True)
+    for label, (factor, unit), start, value, error in every:
         told = f"{factor * value:>14.6g}{factor * error:>12.2g}" if np.isfinite(error) else f"{'not determined':>26}"
         lines.append(f"  {label:<36}{factor * start:>12.6g}{told}   {unit:<6}")
     return lines

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..checks import Array
 from ..estimation.places import across, eliminated
+from ..robot.names import symbol
 from .estimation import Estimation, Linearized
 
 VAGUE = 1.0  # scaled standard deviation from which a number counts as known vaguely: to no better than its size
@@ -22,7 +23,6 @@ not even the order of magnitude. What data do not determine at all comes to infi
 _BLIND = 1e-11  # of the largest eigenvalue: rounding errors alone leave more
 _TAKES_PART = 0.05  # the share of a parameter in an undetermined direction from which it is undetermined itself
 _EQUAL = 0.02  # relative: by so much the parts of a common factor may differ
-_SYMBOLS = {"bending_stiffness": "EI", "torsional_stiffness": "GJ", "youngs_modulus": "E", "shear_modulus": "G"}
 
 
 @attrs.frozen(eq=False)
@@ -162,14 +162,6 @@ def _sparse(basis: Array) -> list[Array]:
     return list(rows)
 
 
-def symbol(label: str) -> str:
-    """A short name: ``EI_0`` for ``tubes[0].bending_stiffness``."""
-    tube, _, field = label.rpartition(".")
-    if field in _SYMBOLS and tube.startswith("tubes[") and tube.endswith("]"):
-        return f"{_SYMBOLS[field]}_{tube[6:-1]}"
-    return label
-
-
 def _described(names: list[str], moves: Array, relative: Array) -> str:
     if len(names) == 1:
         return f"{symbol(names[0])} is not determined"
@@ -183,5 +175,5 @@ def _described(names: list[str], moves: Array, relative: Array) -> str:
 
 def is_factor(names: Sequence[str], relative: Array) -> bool:
     """Whether a direction multiplies stiffnesses by a common factor."""
-    stiff = all(name.rpartition(".")[2] in _SYMBOLS for name in names)
+    stiff = all(symbol(name) != name for name in names)
     return bool(stiff and np.ptp(relative) <= _EQUAL * np.abs(relative).max())

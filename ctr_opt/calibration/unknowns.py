@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
@@ -13,21 +12,13 @@ import numpy as np
 from ..checks import Array, array, number
 from ..errors import DefinitionError
 from ..estimation.sensors import Mounting
-from ..loads.gravity import Gravity
 from ..loads.wrenches import Load
 from ..robot.actuation import Actuation
 from ..robot.names import Parameter as RobotParameter
-from ..robot.names import chosen, parameters
-from ..robot.replacing import loads_with, robot_with
+from ..robot.names import chosen, loads_with, parameters, parsed, robot_with, shown
 from ..robot.robot import Robot
 
-_OFFSET = re.compile(r"tubes\[(\d+)\]\.(rotation|translation)_offset")
-_SENSOR = re.compile(r"sensors\.(\w+)\.(translation|rotation)")
-_OWN = re.compile(r"experiments\[(\d+)\]\.(rotations|translations|loads\[\d+\]\.\w+)")
-_OFF_ROBOT = ("rotations[", "translations[", "sensors.")  # what acts on actuations, or on what sensors show
-_AXES = "xyz"
-_POSITIVE = ("stiffness", "modulus", "diameter", "length")
-_FACTOR = 100.0  # how far positive parameters may go from where they start, unless told otherwise
+_OFF_ROBOT = ("rotations", "translations", "sensors")  # what acts on actuations, or on what sensors show
 
 
 def _pair(value: Any, field: str) -> tuple[Any, Any] | None:
@@ -107,6 +98,7 @@ class Unknown:
     labels: tuple[str, ...]
     acts_on: tuple[str, ...]
     """Names of robot parameters, or of ``rotations[i]``, ``translations[i]``; with an experiment's own, of that."""
+    unit: str
     experiment: int | None = None
     factors: tuple[Array, ...] | None = None
     """With tied parameters, their nominal values."""
@@ -119,7 +111,12 @@ class Unknown:
     @property
     def of_robot(self) -> bool:
         """Whether it belongs to the robot, not to an experiment, its actuation or a sensor."""
-        return self.experiment is None and not self.acts_on[0].startswith(_OFF_ROBOT)
+        return self.experiment is None and self.holder not in _OFF_ROBOT
+
+    @property
+    def holder(self) -> str | int:
+        """What has the numbers: ``"tubes"``, ``"base"``, ``"rotations"``, ``"translations"``, ``"sensors"``."""
+        return parsed(self.acts_on[0])[0]
 
 
 class Unknowns:
@@ -179,6 +176,11 @@ class Unknowns:
         """A name for each number."""
         return [label for entry in self.entries for label in entry.labels]
 
+    @cached_property
+    def units(self) -> list[tuple[float, str]]:
+        """The factor and the unit with which reports show each number."""
+        return [shown(entry.unit) for entry in self.entries for _ in entry.labels]
+
     def values(self, x: Array) -> dict[str, Any]:
         """The numbers by name: floats and arrays."""
         return {
@@ -215,14 +217,14 @@ class Unknowns:
     def _offsets(self, x: Array, kind: str) -> Array:
         offsets = np.zeros(len(self.robot.tubes))
         for entry in self.entries:
-            if entry.experiment is None and entry.acts_on[0].startswith(f"{kind}s["):
-                offsets[int(entry.acts_on[0][len(kind) + 2 : -1])] += x[self.parts[entry.name]][0]
+            if entry.experiment is None and entry.holder == f"{kind}s":
+                offsets[_indexed(entry.acts_on[0])[1]] += x[self.parts[entry.name]][0]
         return offsets
 
     def _raw(self, x: Array, experiment: int | None) -> dict[str, Any]:
         values: dict[str, Any] = {}
         for entry in self.entries:
-            if entry.experiment != experiment or entry.acts_on[0].startswith(_OFF_ROBOT):
+            if entry.experiment != experiment or (experiment is None and not entry.of_robot):
                 continue
             part = x[self.parts[entry.name]]
             if entry.factors is not None:
@@ -238,7 +240,7 @@ class Unknowns:
         """
         found: list[tuple[str, int, Array]] = []
         for entry in self.entries:
-            if entry.experiment not in (None, experiment) or entry.acts_on[0].startswith("sensors."):
+            if entry.experiment not in (None, experiment) or entry.holder == "sensors":
                 continue
             part = self.parts[entry.name]
             for j, name in enumerate(entry.acts_on):
@@ -272,44 +274,94 @@ class Unknowns:
             raise DefinitionError(f"parameters: {given.name!r} must be the name of a parameter")
         if given.tied:
             return self._tied(given)
-        if found := _OFFSET.fullmatch(given.name):
-            i, kind = int(found[1]), found[2]
-            if i >= len(self.robot.tubes):
-                raise DefinitionError(f"{given.name!r}: the robot has {len(self.robot.tubes)} tubes, counted from 0")
-            if kind == "rotation":
-                return _unknown(given, np.zeros(()), (f"rotations[{i}]",), 1.0)
-            foremost = max(float(actuation.translations[i]) for actuation, _ in self.experiments)
-            return _unknown(given, np.zeros(()), (f"translations[{i}]",), self._length, most=0.0 - foremost)
-        if found := _SENSOR.fullmatch(given.name):
-            scale = self._length if found[2] == "translation" else 1.0
-            return _unknown(given, np.zeros(3), (given.name,), scale)
-        if found := _OWN.fullmatch(given.name):
-            return self._own(given, int(found[1]), found[2])
-        (found_one,) = chosen(self._known, [given.name], "parameters")
-        return _unknown(given, found_one.value, (given.name,), _scale(given.name, found_one.value, self._length))
+        match parsed(given.name):
+            case ("tubes", int(i), "rotation_offset" | "translation_offset" as field):
+                return self._offset(given, i, field)
+            case ("sensors", str(), "translation" | "rotation"):
+                return self._unknown(given, RobotParameter(given.name, np.zeros(3)), (given.name,))
+            case ("experiments", int(k), "rotations" | "translations" | "loads", *_):
+                return self._of_experiment(given, k)
+        (parameter,) = chosen(self._known, [given.name], "parameters")
+        return self._unknown(given, parameter, (given.name,))
 
-    def _own(self, given: Parameter, k: int, name: str) -> Unknown:
+    def _offset(self, given: Parameter, i: int, field: str) -> Unknown:
+        if i >= len(self.robot.tubes):
+            raise DefinitionError(f"{given.name!r}: the robot has {len(self.robot.tubes)} tubes, counted from 0")
+        foremost = max(float(actuation.translations[i]) for actuation, _ in self.experiments)
+        most = 0.0 - foremost if field == "translation_offset" else np.inf
+        acts_on = (f"{field.removesuffix('_offset')}s[{i}]",)
+        return self._unknown(given, RobotParameter(given.name, np.zeros(())), acts_on, most=most)
+
+    def _of_experiment(self, given: Parameter, k: int) -> Unknown:
         if k >= len(self.experiments):
             raise DefinitionError(f"{given.name!r}: there are {len(self.experiments)} experiments, counted from 0")
-        actuation, loads = self.experiments[k]
-        known = parameters(self.robot, actuation, loads)
-        own = {f"experiments[{k}].{each}": known[each] for each in known if not each.startswith(("tubes[", "base."))}
-        (found,) = chosen(own, [given.name], "parameters")
-        most = 0.0 if name == "translations" else np.inf
-        return _unknown(given, found.value, (name,), _scale(name, found.value, self._length), experiment=k, most=most)
+        known = parameters(self.robot, *self.experiments[k]).values()
+        inside = {f"experiments[{k}].{one.name}": one for one in known if parsed(one.name)[0] not in ("tubes", "base")}
+        (parameter,) = chosen(inside, [given.name], "parameters")
+        most = 0.0 if parameter.name == "translations" else np.inf
+        named = attrs.evolve(parameter, name=given.name)
+        return self._unknown(given, named, (parameter.name,), experiment=k, most=most)
 
     def _tied(self, given: Parameter) -> Unknown:
-        found = chosen(self._known, given.tied, f"{given.name}: tied")
-        factors = tuple(np.array(each.value) for each in found)
-        return _unknown(given, np.ones(()), tuple(given.tied), 1.0, factors=factors)
+        tied = chosen(self._known, given.tied, f"{given.name}: tied")
+        factors = tuple(np.array(one.value) for one in tied)
+        return self._unknown(given, RobotParameter(given.name, np.ones(()), unit=""), given.tied, factors=factors)
+
+    def _unknown(
+        self,
+        given: Parameter,
+        parameter: RobotParameter,
+        acts_on: tuple[str, ...],
+        *,
+        experiment: int | None = None,
+        factors: tuple[Array, ...] | None = None,
+        most: float = np.inf,
+    ) -> Unknown:
+        shape, flat = parameter.value.shape, np.array(parameter.value, dtype=np.float64).ravel()
+
+        def of_shape(what: Any, field: str) -> Array:
+            if np.ndim(what) == 0:
+                return np.full(len(flat), number(what, f"{given.name}: {field}"))
+            return np.array(array(what, f"{given.name}: {field}", shape)).ravel()
+
+        initial = flat if given.initial is None else of_shape(given.initial, "initial")
+        lower, upper = parameter.bounds(initial, positive=factors is not None)
+        if given.bounds is not None:
+            lower, upper = (_or_infinite(of_shape, given.bounds[k], sign) for k, sign in enumerate((-1, 1)))
+        if np.any(lower >= most) or np.any(initial > most):
+            raise DefinitionError(
+                f"{given.name}: it must be allowed to be below {most:g} m and start there, as no tube's base "
+                "stands in front of the entry point"
+            )
+        upper = np.minimum(upper, most)
+        if np.any(lower >= upper) or np.any(initial < lower) or np.any(initial > upper):
+            raise DefinitionError(
+                f"{given.name}: initial = {initial.tolist()} must lie between the bounds {lower.tolist()} and "
+                f"{upper.tolist()}"
+            )
+        mean, sigma = initial, np.full(len(flat), np.inf)
+        if given.prior is not None:
+            mean, sigma = (of_shape(each, "prior") for each in given.prior)
+            if not (sigma > 0.0).all():
+                raise DefinitionError(
+                    f"{given.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive"
+                )
+        scale = parameter.scale(self._length) if given.scale is None else of_shape(given.scale, "scale")
+        size = np.array(np.broadcast_to(scale, flat.shape))
+        if not (size > 0.0).all():
+            raise DefinitionError(f"{given.name}: scale = {size.tolist()} must be positive")
+        return Unknown(
+            given.name, shape, initial, size, lower, upper, mean, sigma, parameter.labels, acts_on, parameter.unit,
+            experiment, factors,
+        )  # fmt: skip
 
     @cached_property
     def _known(self) -> dict[str, RobotParameter]:
         """The robot's parameters; densities act if any experiment has weights."""
         held = Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes)))
-        pulls = [load for _, loads in self.experiments for load in loads if isinstance(load, Gravity)][:1]
+        pulls = [load for _, loads in self.experiments for load in loads if load.pulls][:1]
         known = parameters(self.robot, held, pulls)
-        return {name: each for name, each in known.items() if name.startswith(("tubes[", "base."))}
+        return {name: one for name, one in known.items() if parsed(name)[0] in ("tubes", "base")}
 
     @property
     def _length(self) -> float:
@@ -323,7 +375,7 @@ class Unknowns:
                 if key in seen:
                     raise DefinitionError(f"parameters: both {seen[key]!r} and {entry.name!r} stand for {name!r}")
                 seen[key] = entry.name
-        robot_names = [name for k, name in seen if k is None and not name.startswith(_OFF_ROBOT)]
+        robot_names = [name for k, name in seen if k is None and parsed(name)[0] not in _OFF_ROBOT]
         chosen(self._known, robot_names, "parameters")  # refuses a stiffness beside the modulus that it follows from
 
 
@@ -334,66 +386,11 @@ def _listed(wanted: Any) -> list[Any]:
 
 
 def _indexed(name: str) -> tuple[str, int]:
-    found = re.fullmatch(r"(rotations|translations)\[(\d+)\]", name)
-    return (found[1], int(found[2])) if found else (name, 0)
-
-
-def _scale(name: str, value: Array, length: float) -> Array | float:
-    """A size by which a parameter may be expected to change."""
-    if name in ("base.rotation", "rotations"):
-        return 1.0
-    if name in ("base.translation", "translations") or name.endswith(("arc_length", ".start", ".end")):
-        return length
-    largest = float(np.abs(value).max())
-    return largest if largest > 0.0 else 1.0 / length if "precurvature" in name else 1.0
-
-
-def _unknown(
-    given: Parameter,
-    value: Array,
-    acts_on: tuple[str, ...],
-    scale: Array | float,
-    *,
-    experiment: int | None = None,
-    factors: tuple[Array, ...] | None = None,
-    most: float = np.inf,
-) -> Unknown:
-    shape, flat = value.shape, np.array(value, dtype=np.float64).ravel()
-
-    def of_shape(what: Any, field: str) -> Array:
-        if np.ndim(what) == 0:
-            return np.full(len(flat), number(what, f"{given.name}: {field}"))
-        return np.array(array(what, f"{given.name}: {field}", shape)).ravel()
-
-    initial = flat if given.initial is None else of_shape(given.initial, "initial")
-    lower, upper = _default_bounds(given.name, initial, factors is not None)
-    if given.bounds is not None:
-        lower, upper = (_or_infinite(of_shape, each, sign) for each, sign in zip(given.bounds, (-1, 1), strict=True))
-    if np.any(lower >= most) or np.any(initial > most):
-        raise DefinitionError(
-            f"{given.name}: it must be allowed to be below {most:g} m and start there, as no tube's base "
-            "stands in front of the entry point"
-        )
-    upper = np.minimum(upper, most)
-    if np.any(lower >= upper) or np.any(initial < lower) or np.any(initial > upper):
-        raise DefinitionError(
-            f"{given.name}: initial = {initial.tolist()} must lie between the bounds {lower.tolist()} and "
-            f"{upper.tolist()}"
-        )
-    mean, sigma = initial, np.full(len(flat), np.inf)
-    if given.prior is not None:
-        mean, sigma = (of_shape(each, "prior") for each in given.prior)
-        if not (sigma > 0.0).all():
-            raise DefinitionError(
-                f"{given.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive"
-            )
-    size = np.broadcast_to(np.asarray(scale if given.scale is None else of_shape(given.scale, "scale")), flat.shape)
-    if not (size > 0.0).all():
-        raise DefinitionError(f"{given.name}: scale = {size.tolist()} must be positive")
-    return Unknown(
-        given.name, shape, initial, np.array(size), lower, upper, mean, sigma, _labels(given.name, shape), acts_on,
-        experiment, factors,
-    )  # fmt: skip
+    """The parameter that an unknown acts on, and which of its numbers comes first: of ``rotations[2]`` the third."""
+    match parsed(name):
+        case ("rotations" | "translations" as actuated, int(i)):
+            return actuated, i
+    return name, 0
 
 
 def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
@@ -405,19 +402,3 @@ def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
     given = np.asarray(value, dtype=object)
     free = np.array([each is None or each == infinite for each in given.ravel()]).reshape(given.shape)
     return np.where(free.ravel(), infinite, of_shape(np.where(free, 0.0, given).tolist(), "bounds"))
-
-
-def _default_bounds(name: str, initial: Array, factor: bool) -> tuple[Array, Array]:
-    if (factor or name.endswith(_POSITIVE)) and np.all(initial > 0.0):
-        return initial / _FACTOR, initial * _FACTOR
-    if name.endswith((".rotation", "rotation_offset")):
-        return initial - np.pi, initial + np.pi
-    return np.full(initial.shape, -np.inf), np.full(initial.shape, np.inf)
-
-
-def _labels(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
-    if not shape:
-        return (name,)
-    if shape == (3,) and not name.endswith(("rotations", "translations")):
-        return tuple(f"{name}.{axis}" for axis in _AXES)
-    return tuple(f"{name}[{', '.join(map(str, where))}]" for where in np.ndindex(shape))

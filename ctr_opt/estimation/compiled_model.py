@@ -16,6 +16,7 @@ from ..native.calls import LoadRows
 from ..native.predictions import Predicted as Told
 from ..native.predictions import Predictions, Probe, piecewise_constant, supported
 from ..robot.actuation import Actuation
+from ..robot.names import parsed
 from ..robot.robot import Robot
 from .measurements import Distal, Predicted, Request, Somewhere
 
@@ -65,7 +66,7 @@ class CompiledModel:
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
         self._kept: tuple[list[int], Predictions] | None = None
-        self._fixed = not any(name.startswith("loads[") or name.endswith(_SOURCES) for name in sizes)
+        self._fixed = not any(parsed(name)[0] == "loads" or name.endswith(_SOURCES) for name in sizes)
 
     def evaluate(
         self,

@@ -20,7 +20,7 @@ from ..loads.wrenches import Load, LoadTable
 from ..mechanics.fields import material_frame
 from ..mechanics.state import State
 from ..robot.actuation import Actuation
-from ..robot.names import Parameter, parameters
+from ..robot.names import Parameter, parameters, parsed
 from ..robot.robot import Robot
 from ..transcription.integrals import integral_functions
 from ..transcription.parametric_problem import Discretized, ParametricProblem
@@ -94,7 +94,7 @@ class GroupModel:
         self.requests = list(requests)
         self.acting = list(acting)
         known = parameters(configuration.robot, configuration.actuation, configuration.loads)
-        of_loads = [name for name, each in known.items() if name.startswith("loads[") and not each.idle]
+        of_loads = [name for name, one in known.items() if parsed(name)[0] == "loads" and not one.idle]
         data = ["rotations", "translations", *of_loads]
         places = _numbers(self.requests)
         probes = [Parameter(_PROBES, places)] if len(places) else []

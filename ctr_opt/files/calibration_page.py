@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.plot import figure_fit
-from ..calibration.report import angle_errors, place_of, point_errors, points_by_place, unit_of, worst_point
-from ..calibration.uncertainty import symbol
+from ..calibration.report import angle_errors, place_of, point_errors, points_by_place, worst_point
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
 from ..forward.problem import ForwardProblem
+from ..robot.names import symbol
 from ..robot.robot import Robot
 from .calibration import Calibration, Check
 from .figures import save_figure
@@ -213,7 +213,7 @@ def _parameters(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
     true = np.concatenate([np.broadcast_to(np.ravel(truth.get(name, np.nan)), size) for name, size in sizes])
     rows = []
     for k, label in enumerate(first.labels):
-        factor, unit = unit_of(label)
+        factor, unit = first.estimation.unknowns.units[k]
         row = [
             f"{symbol(label)} [{unit}]" if unit else symbol(label),
             f"{factor * first.estimation.unknowns.initial[k]:.6g}",

@@ -24,8 +24,7 @@ from ..layout.configuration import Configuration
 from ..loads.gravity import Gravity
 from ..loads.wrenches import Load
 from ..robot.actuation import Actuation
-from ..robot.names import Parameter, parameters
-from ..robot.replacing import loads_with
+from ..robot.names import Parameter, loads_with, parameters, parsed
 from ..robot.robot import Robot
 from .distributed import DistributedForce
 from .model import LoadedModel, loaded_model
@@ -175,10 +174,10 @@ class Numbered:
         values: dict[str, Any] = {}
         start = 0
         for name in self.names:
-            size = 1 if name.endswith("arc_length") else 3
-            k, field = int(name[6 : name.index("]")]), name.rpartition(".")[2]
-            own = numbers[start : start + size]
-            values[f"loads[{k - self.first}].{field}"] = float(own[0]) if size == 1 else own
+            _, k, field = parsed(name)
+            size = 1 if field == "arc_length" else 3
+            number = numbers[start] if size == 1 else numbers[start : start + size]
+            values[f"loads[{int(k) - self.first}].{field}"] = number
             start += size
         return [*known, *loads_with(self.templates, values)]
 

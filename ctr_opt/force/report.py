@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..calibration.report import unit_of
+from ..robot.names import unit_of
 
 if TYPE_CHECKING:
     from .estimate import ForceEstimate

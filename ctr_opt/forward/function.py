@@ -7,7 +7,6 @@ NaN a success, so that everything it returns is checked: outputs are the robot's
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from ..checks import Array
 from ..mechanics.fields import material_frame
 from ..mechanics.state import State, slices
-from ..robot.names import Parameter, chosen, parameters
+from ..robot.names import Parameter, chosen, identifier, parameters
 from ..transcription.parametric_problem import Discretized, ParametricProblem, Swept
 from .sensitivity import Solved
 
@@ -29,15 +28,6 @@ _NEWTON = {
 }
 _ACCEPTED = 1e-8  # scaled residual: of flexible robots rounding errors alone leave more than ``abstol``
 _SLACK = 1e-6  # of the length: optimizers overstep their bounds a little
-
-
-def identifier(name: str) -> str:
-    """A parameter's name as that of a function's input: ``loads[0].force`` becomes ``loads_0_force``.
-
-    >>> identifier("tubes[0].precurvature[1].length")
-    'tubes_0_precurvature_1_length'
-    """
-    return re.sub(r"\W+", "_", name)
 
 
 def forward_map(solved: Solved, wrt: Sequence[str], along: Array, steps: int | None) -> ca.Function:

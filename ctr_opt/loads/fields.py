@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import attrs
 import casadi as ca
@@ -11,7 +11,7 @@ import casadi as ca
 from ..checks import number
 from ..errors import DefinitionError
 from . import places
-from .kind import Conservative
+from .kind import Conservative, Numbered
 
 _ARGUMENTS = {"potential": ("p",), "function": ("s", "p", "R")}
 _SHAPES = {"s": (1, 1), "p": (3, 1), "R": (3, 3)}
@@ -85,9 +85,10 @@ _CONTENT_EQ = attrs.cmp_using(eq=lambda a, b: a.serialize() == b.serialize())
 
 
 @attrs.frozen
-class _Field:
+class _Field(Numbered):
     """Where such a load acts."""
 
+    units: ClassVar[dict[str, str]] = {"factor": "", "arc_length": "m", "start": "m", "end": "m"}
     arc_length: float | None = attrs.field(default=None, converter=places.arc_length, kw_only=True)
     start: float | None = attrs.field(default=None, converter=_start, kw_only=True)
     end: float | None = attrs.field(default=None, converter=places.end, kw_only=True)
@@ -106,6 +107,15 @@ class _Field:
     def distributed(self) -> bool:
         """Whether it acts per arc length, between ``start`` and ``end``."""
         return self.start is not None or self.end is not None
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The factor, and where it acts."""
+        return ("factor", "start", "end") if self.distributed else ("factor", "arc_length")
+
+    def idle(self, pulled: bool) -> str:  # noqa: ARG002
+        """Why its numbers do not act."""
+        return "" if self.factor != 0.0 else "factor = 0 leaves the load out"
 
     def times(self, factor: float) -> Any:
         """The load multiplied."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import attrs
 
 from ..checks import ARRAY_EQ, Array, array, number
 from . import places
-from .kind import Conservative
+from .kind import Conservative, Numbered
 
 
 def _acceleration(value: Any) -> Array:
@@ -23,8 +23,18 @@ def _mass_per_length(value: Any) -> float:
     return number(value, "mass_per_length", least=0.0, unit="kg/m")
 
 
+class _Mass(Numbered, Conservative):
+    """A mass, which acts only under a gravity."""
+
+    __slots__ = ()
+
+    def idle(self, pulled: bool) -> str:
+        """Why its numbers do not act."""
+        return "" if pulled else "there is no Gravity"
+
+
 @attrs.frozen
-class Gravity(Conservative):
+class Gravity(Numbered, Conservative):
     """Gravity: acts on every tube by its density, and on all masses.
 
     Parameters
@@ -38,6 +48,8 @@ class Gravity(Conservative):
     array([ 0.  ,  0.  , -9.81])
     """
 
+    pulls: ClassVar[bool] = True
+    units: ClassVar[dict[str, str]] = {"acceleration": "m/s^2"}
     acceleration: Array = attrs.field(converter=_acceleration, eq=ARRAY_EQ, hash=False)
 
     def times(self, factor: float) -> Gravity:
@@ -46,7 +58,7 @@ class Gravity(Conservative):
 
 
 @attrs.frozen
-class PointMass(Conservative):
+class PointMass(_Mass):
     """A mass fixed at a point of a tube; acts only under a :class:`Gravity`.
 
     Parameters
@@ -64,6 +76,7 @@ class PointMass(Conservative):
     0.002
     """
 
+    units: ClassVar[dict[str, str]] = {"mass": "kg", "arc_length": "m"}
     mass: float = attrs.field(converter=_mass)
     arc_length: float | None = attrs.field(default=None, converter=places.arc_length)
     tube: int = attrs.field(default=0, converter=places.tube)
@@ -74,7 +87,7 @@ class PointMass(Conservative):
 
 
 @attrs.frozen
-class DistributedMass(Conservative):
+class DistributedMass(_Mass):
     """A mass per arc length on a tube; acts only under a :class:`Gravity`.
 
     Parameters
@@ -92,6 +105,7 @@ class DistributedMass(Conservative):
     True
     """
 
+    units: ClassVar[dict[str, str]] = {"mass_per_length": "kg/m", "start": "m", "end": "m"}
     mass_per_length: float = attrs.field(converter=_mass_per_length)
     start: float = attrs.field(default=0.0, converter=places.start)
     end: float | None = attrs.field(default=None, converter=places.end)

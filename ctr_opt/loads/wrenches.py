@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import attrs
 import numpy as np
@@ -14,6 +14,7 @@ from ..robot.piecewise import PiecewisePolynomial
 from . import places
 from .fields import ExpressionLoad, PotentialLoad
 from .gravity import DistributedMass, Gravity, PointMass
+from .kind import Numbered
 
 _FRAMES = ("world", "body")
 
@@ -89,7 +90,7 @@ _DENSITY_EQ = attrs.cmp_using(eq=_same)
 
 
 @attrs.frozen
-class PointWrench:
+class PointWrench(Numbered):
     """A force and a moment at a point of a named tube.
 
     Parameters
@@ -110,6 +111,7 @@ class PointWrench:
     0
     """
 
+    units: ClassVar[dict[str, str]] = {"force": "N", "moment": "N m", "arc_length": "m"}
     force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_force, eq=ARRAY_EQ, hash=False)
     moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_point_moment, eq=ARRAY_EQ, hash=False)
     arc_length: float | None = attrs.field(default=None, converter=places.arc_length)
@@ -131,7 +133,7 @@ class PointWrench:
 
 
 @attrs.frozen
-class DistributedLoad:
+class DistributedLoad(Numbered):
     """A force and a moment per arc length on a named tube.
 
     Parameters
@@ -154,6 +156,7 @@ class DistributedLoad:
     True
     """
 
+    units: ClassVar[dict[str, str]] = {"force": "N/m", "moment": "N m/m", "start": "m", "end": "m"}
     force: Density = attrs.field(default=np.zeros(3), converter=_force_density, eq=_DENSITY_EQ, hash=False)
     moment: Density = attrs.field(default=np.zeros(3), converter=_moment_density, eq=_DENSITY_EQ, hash=False)
     start: float = attrs.field(default=0.0, converter=places.start)

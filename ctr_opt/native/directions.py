@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 
 import attrs
@@ -12,6 +11,7 @@ from ..checks import Array
 from ..errors import DefinitionError
 from ..loads.gravity import Gravity, PointMass
 from ..loads.wrenches import DistributedLoad, Load, PointWrench
+from ..robot.names import parsed
 from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature
 from ..robot.robot import Robot
 from ..robot.tube import Tube
@@ -72,14 +72,14 @@ class _Collected:
 
     def add(self, name: str, loads: Sequence[Load], load_rows: Mapping[int, int], probes: int) -> None:
         """The directions of a parameter."""
-        probe = re.fullmatch(r"probes\[(\d+)\]\.arc_length", name)
-        if probe and int(probe[1]) < probes:
-            self._number({(_KIND["place"], int(probe[1]), 0): 1.0})
-            return
-        found = _of(name, self.robot, loads)
-        if found is None:
+        match parsed(name):
+            case ("probes", int(k), "arc_length") if k < probes:
+                self.plain("place", [(k, 0)])
+                return
+        add = _of(name, self.robot, loads)
+        if add is None:
             raise DefinitionError(f"{name!r}: compiled code takes no derivatives by it")
-        found(self, load_rows)
+        add(self, load_rows)
 
     def _number(self, parts: Mapping[Row, float]) -> None:
         self.columns.append({self.rows.setdefault(row, len(self.rows)): weight for row, weight in parts.items()})
@@ -124,20 +124,19 @@ _Added = Callable[[_Collected, Mapping[int, int]], None]
 def _of(name: str, robot: Robot, loads: Sequence[Load]) -> _Added | None:
     """What adds the directions of a parameter, or None."""
     tubes, axes = range(len(robot.tubes)), range(3)
-    if name in ("rotations", "translations"):
-        return lambda made, _: made.plain(name[:-1], [(i, 0) for i in tubes])
-    if name in ("base.translation", "base.rotation"):
-        kind = "position" if name == "base.translation" else "turn"
-        return lambda made, _: made.plain(kind, [(0, r) for r in axes])
-    match = re.fullmatch(r"(tubes|loads)\[(\d+)\]\.(?:precurvature\[(\d+)\]\.)?(\w+)", name)
-    if match is None:
-        return None
-    what, i, k, field = match[1], int(match[2]), match[3], match[4]
-    if i >= len(robot.tubes if what == "tubes" else loads):
-        return None
-    if what == "loads":
-        return None if k else _of_load(i, field, loads[i])
-    return _of_piece(robot, i, int(k), field) if k else _of_tube(robot.tubes[i], i, field, loads)
+    match parsed(name):
+        case ("rotations" | "translations" as actuated,):
+            return lambda made, _: made.plain(actuated[:-1], [(i, 0) for i in tubes])
+        case ("base", "translation" | "rotation" as field):
+            kind = "position" if field == "translation" else "turn"
+            return lambda made, _: made.plain(kind, [(0, r) for r in axes])
+        case ("loads", int(j), str(field)) if j < len(loads):
+            return _of_load(j, field, loads[j])
+        case ("tubes", int(i), "precurvature", int(k), str(field)) if i < len(robot.tubes):
+            return _of_piece(robot, i, k, field)
+        case ("tubes", int(i), str(field)) if i < len(robot.tubes):
+            return _of_tube(robot.tubes[i], i, field, loads)
+    return None
 
 
 def _of_piece(robot: Robot, i: int, k: int, field: str) -> _Added | None:

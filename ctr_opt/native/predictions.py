@@ -6,7 +6,6 @@ entry point are from one, where the robot would then be, and how both change wit
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import Any, TypeAlias
@@ -20,7 +19,7 @@ from ..errors import DefinitionError
 from ..layout.configuration import SAME_POINT
 from ..loads.wrenches import Load
 from ..robot.actuation import Actuation
-from ..robot.names import chosen, parameters
+from ..robot.names import chosen, parameters, parsed
 from ..robot.robot import Robot
 from .calls import LoadRows, Questions, RobotTable
 from .directions import Directions, supported
@@ -167,13 +166,13 @@ class Predictions:
         if name in ("rotations", "translations"):
             own = self._actuations[experiment]
             return np.asarray(own[:tubes] if name == "rotations" else own[tubes:])
-        match = re.fullmatch(r"(loads|probes)\[(\d+)\]\.(force|moment|arc_length)", name)
-        if match is None:
-            raise DefinitionError(f"{name!r} names no numbers of a load, a probe or an actuation")
-        k, rows = int(match[2]), self._rows[experiment]
-        if match[1] == "probes":
-            return rows.numbers(None, k, match[3])
-        return rows.numbers(self._loads[experiment][k], rows.rows[k], match[3])
+        rows = self._rows[experiment]
+        match parsed(name):
+            case ("probes", int(k), "arc_length"):
+                return rows.numbers(None, k, "arc_length")
+            case ("loads", int(k), "force" | "moment" | "arc_length" as field):
+                return rows.numbers(self._loads[experiment][k], rows.rows[k], field)
+        raise DefinitionError(f"{name!r} names no numbers of a load, a probe or an actuation")
 
     def _directions(self, names: Sequence[str], experiments: Sequence[Experiment], probes: int) -> list[Directions]:
         """Of each experiment; those whose loads are alike share them."""
@@ -268,5 +267,5 @@ def _rows(robot: Robot, loads: Sequence[Load], places: list[tuple[float | None, 
 
 def _check(robot: Robot, names: Sequence[str], actuation: Actuation, loads: Sequence[Load]) -> None:
     """Raise an error for names that are none, stand twice, or do not act."""
-    own = [name for name in names if not name.startswith("probes[")]
+    own = [name for name in names if parsed(name)[:1] != ("probes",)]
     chosen(parameters(robot, actuation, loads), own)

@@ -1,40 +1,172 @@
-"""Every number of a robot, its actuation and its loads by name: what derivatives and estimates are taken of."""
+"""Every number of a robot, its actuation and its loads by name: parsed, described, read and replaced.
+
+Derivatives, estimates, reports and files ask for numbers by such names. What a name means, its unit, scale, bounds,
+symbol and labels are decided here; loads describe theirs themselves (:class:`Numbered`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any
+from functools import cache
+from typing import Any, Protocol, Self, TypeVar, cast
 
 import attrs
 import numpy as np
 
 from ..checks import Array
 from ..errors import DefinitionError
-from ..loads.fields import ExpressionLoad, PotentialLoad
-from ..loads.gravity import DistributedMass, Gravity, PointMass
-from ..loads.wrenches import DistributedLoad, Load, LoadTable, PointWrench
 from .actuation import Actuation
 from .precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature
 from .robot import Robot
 from .tube import Tube
 
+_UNITS = {
+    **dict.fromkeys(("bending_stiffness", "torsional_stiffness"), "N m^2"),
+    **dict.fromkeys(("youngs_modulus", "shear_modulus"), "Pa"),
+    **dict.fromkeys(("outer_diameter", "inner_diameter", "length", "arc_length"), "m"),
+    **dict.fromkeys(("translations", "translation", "translation_offset"), "m"),
+    **dict.fromkeys(("rotations", "rotation", "rotation_offset"), "rad"),
+    **dict.fromkeys(("curvature", "coefficients"), "1/m"),
+    **dict.fromkeys(("force", "normal_force"), "N"),
+    **{"density": "kg/m^3", "force_density": "N/m", "moment": "N m"},
+}
+_SHOWN = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg"), "Pa": (1e-9, "GPa"), "N m": (1e3, "N mm")}
+_SYMBOLS = {"bending_stiffness": "EI", "torsional_stiffness": "GJ", "youngs_modulus": "E", "shear_modulus": "G"}
+_AXES = ("x", "y", "z")
+_ALONG = ("translations", "translation", "translation_offset", "arc_length", "start", "end")
+_POSITIVE = ("stiffness", "modulus", "diameter", "length")  # ends of fields
+_FACTOR = 100.0  # how far positive numbers may go from where they start, by default
+_SOURCES = {
+    "bending_stiffness": ("youngs_modulus", "outer_diameter", "inner_diameter"),
+    "torsional_stiffness": ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter"),
+}
+
+
+_STEP = r"[^\W\d]\w*(?:\[\d+(?:, \d+)*\])?"
+_NAME = re.compile(rf"{_STEP}(?:\.{_STEP})*")
+
+
+@cache
+def parsed(name: str) -> tuple[str | int, ...]:
+    """The parts of a name; nothing if it is none.
+
+    >>> parsed("tubes[0].precurvature[1].curvature")
+    ('tubes', 0, 'precurvature', 1, 'curvature')
+    """
+    parts = re.findall(r"\w+", name) if _NAME.fullmatch(name) else []
+    return tuple(int(part) if part.isdecimal() else part for part in parts)
+
+
+def field_of(label: str) -> str:
+    """The field that a name, or the label of one of its numbers, ends in.
+
+    >>> field_of("tubes[0].precurvature[1].curvature.x"), field_of("rotations[2]")
+    ('curvature', 'rotations')
+    """
+    return next((part for part in reversed(parsed(label)) if isinstance(part, str) and part not in _AXES), "")
+
+
+def identifier(name: str) -> str:
+    """A parameter's name as that of a function's input: ``loads[0].force`` becomes ``loads_0_force``.
+
+    >>> identifier("tubes[0].precurvature[1].length")
+    'tubes_0_precurvature_1_length'
+    """
+    return re.sub(r"\W+", "_", name)
+
+
+def symbol(label: str) -> str:
+    """A short name: ``EI_0`` for ``tubes[0].bending_stiffness``."""
+    match parsed(label):
+        case ("tubes", int(i), str(field)) if field in _SYMBOLS:
+            return f"{_SYMBOLS[field]}_{i}"
+    return label
+
+
+def unit_of(label: str) -> tuple[float, str]:
+    """The factor and the unit with which reports show a number.
+
+    >>> unit_of("base.translation.x")
+    (1000.0, 'mm')
+    """
+    return shown(_UNITS.get(field_of(label), ""))
+
+
+def shown(unit: str) -> tuple[float, str]:
+    """The factor and the unit with which reports show numbers of an SI unit."""
+    return _SHOWN.get(unit, (1.0, unit))
+
 
 @attrs.frozen(eq=False)
 class Parameter:
-    """A named number, or an array of numbers, in SI; ``idle`` says why it does not act, where it does not."""
+    """A named number, or an array of numbers, in SI.
+
+    ``idle`` says why it does not act, where it does not; ``sources`` names the parameters that it follows from.
+    """
 
     name: str
     value: Array
     idle: str = ""
+    sources: tuple[str, ...] = ()
+    unit: str = attrs.field()
+
+    @unit.default
+    def _usual(self) -> str:
+        return _UNITS.get(field_of(self.name), "")
 
     @property
     def size(self) -> int:
         """How many numbers it is."""
         return int(self.value.size)
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """A name for each of its numbers."""
+        shape = self.value.shape
+        if not shape:
+            return (self.name,)
+        if shape == (3,) and field_of(self.name) not in ("rotations", "translations"):
+            return tuple(f"{self.name}.{axis}" for axis in _AXES)
+        return tuple(f"{self.name}[{', '.join(map(str, where))}]" for where in np.ndindex(shape))
 
-def parameters(robot: Robot, actuation: Actuation, loads: Sequence[Load] = ()) -> dict[str, Parameter]:
+    def scale(self, length: float) -> float:
+        """A size by which it may be expected to change, on a robot of this ``length``."""
+        if self.unit == "rad":
+            return 1.0
+        if self.unit == "m" and field_of(self.name) in _ALONG:
+            return length
+        largest = float(np.abs(self.value).max())
+        return largest if largest > 0.0 else 1.0 / length if self.unit == "1/m" else 1.0
+
+    def bounds(self, initial: Array, positive: bool = False) -> tuple[Array, Array]:
+        """The least and the most that it may become from ``initial``, by default; ``positive``: whatever it is."""
+        field = field_of(self.name)
+        if (positive or field.endswith(_POSITIVE)) and np.all(initial > 0.0):
+            return initial / _FACTOR, initial * _FACTOR
+        reach = np.full(initial.shape, np.pi if field in ("rotation", "rotation_offset") else np.inf)
+        return initial - reach, initial + reach
+
+
+class Numbered(Protocol):
+    """A load, as far as names are concerned."""
+
+    @property
+    def pulls(self) -> bool:
+        """Whether it acts on masses."""
+
+    def numbers(self, prefix: str, pulled: bool) -> Iterable[Parameter]:
+        """Its numbers, their names behind a prefix; ``pulled``: whether there is a load that pulls at masses."""
+
+    def replaced(self, field: str, value: Any) -> Self:
+        """The load with another number."""
+
+
+AnyLoad = TypeVar("AnyLoad", bound=Numbered)
+
+
+def parameters(robot: Robot, actuation: Actuation, loads: Sequence[Numbered] = ()) -> dict[str, Parameter]:
     """Every parameter by its name, with its present value.
 
     ``rotations``, ``translations`` ``(tubes,)``; ``base.translation (3,)``, m, along the world's axes, and
@@ -50,129 +182,131 @@ def parameters(robot: Robot, actuation: Actuation, loads: Sequence[Load] = ()) -
         Parameter("base.translation", np.zeros(3)),
         Parameter("base.rotation", np.zeros(3)),
     ]
-    pulled = any(isinstance(load, Gravity) for load in loads)
+    pulled = any(load.pulls for load in loads)
     for i, tube in enumerate(robot.tubes):
-        every.extend(_of_tube(f"tubes[{i}]", tube, pulled))
+        every.extend(_of_tube(f"tubes[{i}].", tube, pulled))
     for j, load in enumerate(loads):
-        every.extend(_of_load(f"loads[{j}]", load, pulled))
+        every.extend(load.numbers(f"loads[{j}].", pulled))
     return {parameter.name: parameter for parameter in every}
 
 
-def chosen(known: dict[str, Parameter], names: Iterable[str], field: str = "wrt") -> list[Parameter]:
+def chosen(known: Mapping[str, Parameter], names: Iterable[str], field: str = "wrt") -> list[Parameter]:
     """The parameters of these names, in their order; ``field`` is the argument that messages name.
 
     Raises
     ------
     DefinitionError
-        A name that is not there, stands twice, or is of a parameter that does not act.
+        A name that is not there, stands twice, or is of a parameter that does not act; a stiffness beside a modulus or
+        a diameter that it follows from.
     """
-    found: list[Parameter] = []
+    selected: dict[str, Parameter] = {}
     for name in names:
         parameter = known.get(name) if isinstance(name, str) else None
         if parameter is None:
             close = get_close_matches(str(name), list(known), 3)
             hint = f"; close to it: {', '.join(close)}" if close else ""
-            acting = ", ".join(each.name for each in known.values() if not each.idle)
+            acting = ", ".join(other.name for other in known.values() if not other.idle)
             raise DefinitionError(f"{field} = {name!r} is no parameter{hint}; there are {acting}")
         if parameter.idle:
             raise DefinitionError(f"{field} = {name!r} does not act: {parameter.idle}")
-        if parameter in found:
+        if name in selected:
             raise DefinitionError(f"{field} has {name!r} twice")
-        found.append(parameter)
-    _check_stiffnesses([parameter.name for parameter in found], known, field)
-    return found
-
-
-def _check_stiffnesses(names: list[str], known: dict[str, Parameter], field: str) -> None:
-    """A stiffness that is a parameter no longer follows from moduli and diameters that are."""
-    for name in names:
-        tube, _, stiffness = name.rpartition(".")
-        for source in _SOURCES.get(stiffness, ()):
-            if f"{tube}.{source}" in names and not _given(known[name]):
+        selected[name] = parameter
+    for name, parameter in selected.items():
+        for source in parameter.sources:
+            if source in selected:
                 raise DefinitionError(
-                    f"{field} has both {name!r} and '{tube}.{source}', from which it follows: choose one of them"
+                    f"{field} has both {name!r} and {source!r}, from which it follows: choose one of them"
                 )
+    return list(selected.values())
 
 
-_SOURCES = {
-    "bending_stiffness": ("youngs_modulus", "outer_diameter", "inner_diameter"),
-    "torsional_stiffness": ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter"),
-}
+def optional(name: str, value: Any, idle: str = "", **options: Any) -> Parameter:
+    """A number that may not be given."""
+    if value is None:
+        value, idle = np.nan, f"{field_of(name)} is not given"
+    return Parameter(name, np.array(value), idle, **options)
 
 
-@attrs.frozen(eq=False)
-class _Stiffness(Parameter):
-    given: bool = False
-
-
-def _given(parameter: Parameter) -> bool:
-    return isinstance(parameter, _Stiffness) and parameter.given
-
-
-def _of_tube(name: str, tube: Tube, pulled: bool) -> Iterator[Parameter]:
+def _of_tube(prefix: str, tube: Tube, pulled: bool) -> Iterator[Parameter]:
     given = tube.given_stiffnesses
     bends, twists = "bending_stiffness" not in given, "torsional_stiffness" not in given
     by_ratio = twists and tube.poisson_ratio is not None
     both = "the stiffnesses are given" if not (bends or twists) else ""
-    for field in ("bending_stiffness", "torsional_stiffness"):
-        yield _Stiffness(f"{name}.{field}", np.array(getattr(tube, field)), given=field in given)
-    yield _optional(
-        f"{name}.youngs_modulus", tube.youngs_modulus, "" if bends or by_ratio else both or "bending_stiffness is given"
-    )
+    for field, sources in _SOURCES.items():
+        names = () if field in given else tuple(prefix + source for source in sources)
+        yield Parameter(prefix + field, np.array(getattr(tube, field)), sources=names)
+    stiff = "" if bends or by_ratio else both or "bending_stiffness is given"
+    yield optional(f"{prefix}youngs_modulus", tube.youngs_modulus, stiff)
     shear = "" if twists else "torsional_stiffness is given"
-    yield _optional(f"{name}.shear_modulus", tube.shear_modulus, shear)
-    yield _optional(f"{name}.poisson_ratio", tube.poisson_ratio, shear)
+    yield optional(f"{prefix}shear_modulus", tube.shear_modulus, shear)
+    yield optional(f"{prefix}poisson_ratio", tube.poisson_ratio, shear)
     idle = both if not (pulled and tube.density > 0.0) else ""
-    yield Parameter(f"{name}.outer_diameter", np.array(tube.outer_diameter), idle)
-    yield Parameter(f"{name}.inner_diameter", np.array(tube.inner_diameter), idle)
-    yield Parameter(f"{name}.density", np.array(tube.density), "" if pulled else "there is no Gravity")
+    yield Parameter(f"{prefix}outer_diameter", np.array(tube.outer_diameter), idle)
+    yield Parameter(f"{prefix}inner_diameter", np.array(tube.inner_diameter), idle)
+    yield Parameter(f"{prefix}density", np.array(tube.density), "" if pulled else "there is no Gravity")
     for k, piece in enumerate(tube.precurvature):
-        yield from _of_piece(f"{name}.precurvature[{k}]", piece)
+        yield from _of_piece(f"{prefix}precurvature[{k}].", piece)
 
 
-def _of_piece(name: str, piece: PrecurvaturePiece) -> Iterator[Parameter]:
-    yield Parameter(f"{name}.length", np.array(piece.length))
+def _of_piece(prefix: str, piece: PrecurvaturePiece) -> Iterator[Parameter]:
+    yield Parameter(f"{prefix}length", np.array(piece.length))
     if isinstance(piece, (Arc, SampledCurvature)):
-        yield Parameter(f"{name}.curvature", np.array(piece.curvature))
+        yield Parameter(f"{prefix}curvature", np.array(piece.curvature))
     elif isinstance(piece, PolynomialCurvature):
-        yield Parameter(f"{name}.coefficients", np.array(piece.coefficients))
+        yield Parameter(f"{prefix}coefficients", np.array(piece.coefficients))
 
 
-def _optional(name: str, value: float | None, idle: str = "") -> Parameter:
-    missing = f"{name.rpartition('.')[2]} is not given"
-    return Parameter(name, np.array(np.nan if value is None else value), missing if value is None else idle)
+# -- other numbers in their place --------------------------------------------------------------------------------------
 
 
-def _of_load(name: str, load: Load, pulled: bool) -> Iterator[Parameter]:
-    if isinstance(load, Gravity):
-        yield Parameter(f"{name}.acceleration", np.array(load.acceleration))
-        return
-    unused = ""
-    if isinstance(load, (PointWrench, DistributedLoad)):
-        yield _density(f"{name}.force", load.force)
-        yield _density(f"{name}.moment", load.moment)
-    elif isinstance(load, (PotentialLoad, ExpressionLoad)):
-        unused = "" if load.factor != 0.0 else "factor = 0 leaves the load out"
-        yield Parameter(f"{name}.factor", np.array(load.factor), unused)
-    else:
-        field = "mass" if isinstance(load, PointMass) else "mass_per_length"
-        unused = "" if pulled else "there is no Gravity"
-        yield Parameter(f"{name}.{field}", np.array(getattr(load, field)), unused)
-    for place in _places(load):
-        yield _optional(f"{name}.{place}", getattr(load, place), unused)
+def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
+    """A robot with other numbers under some of its parameters' names, ``"tubes[0].bending_stiffness"`` and so on.
+
+    >>> import ctr_opt as ctr
+    >>> rod = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+    >>> robot_with(ctr.Robot([rod]), {"tubes[0].precurvature[0].length": 0.2}).tubes[0].length
+    0.2
+    """
+    tubes = list(robot.tubes)
+    of_tubes: dict[int, dict[str, float]] = {}
+    for name, value in values.items():
+        match parsed(name):
+            case ("tubes", int(i), str(field)):
+                of_tubes.setdefault(i, {})[field] = float(value)
+            case ("tubes", int(i), "precurvature", int(k), str(field)):
+                pieces = list(tubes[i].precurvature)
+                pieces[k] = _piece_with(pieces[k], field, value)
+                tubes[i] = attrs.evolve(tubes[i], precurvature=tuple(pieces))
+    for i, fields in of_tubes.items():
+        tubes[i] = attrs.evolve(tubes[i], **cast(Any, fields))
+    pose = robot.base_pose
+    if "base.translation" in values or "base.rotation" in values:
+        pose = moved(pose, values.get("base.translation", np.zeros(3)), values.get("base.rotation", np.zeros(3)))
+    return attrs.evolve(robot, tubes=tubes, base_pose=pose, on_overlap="ignore")
 
 
-def _places(load: Load) -> tuple[str, ...]:
-    if isinstance(load, (DistributedLoad, DistributedMass)):
-        return ("start", "end")
-    if isinstance(load, (PotentialLoad, ExpressionLoad)) and load.distributed:
-        return ("start", "end")
-    return ("arc_length",)
+def loads_with(loads: Sequence[AnyLoad], values: Mapping[str, Any]) -> tuple[AnyLoad, ...]:
+    """Loads with other numbers under some of their parameters' names, ``"loads[0].force"`` and so on."""
+    changed = list(loads)
+    for name, value in values.items():
+        match parsed(name):
+            case ("loads", int(k), str(field)):
+                changed[k] = changed[k].replaced(field, float(value) if np.ndim(value) == 0 else value)
+    return tuple(changed)
 
 
-def _density(name: str, value: Any) -> Parameter:
-    if isinstance(value, LoadTable):
-        return Parameter(name, np.array(value.values))
-    if callable(value):
-        return Parameter(name, np.array(np.nan), "it is a function")
-    return Parameter(name, np.array(value))
+def moved(pose: Array, translation: Iterable[float], angles: Iterable[float]) -> Array:
+    """A pose moved along the world's axes, and turned by XYZ Euler angles applied on its right."""
+    from scipy.spatial.transform import Rotation
+
+    result = np.array(pose)
+    result[:3, 3] += np.asarray(translation)
+    result[:3, :3] = pose[:3, :3] @ Rotation.from_euler("XYZ", np.asarray(angles)).as_matrix()
+    return result
+
+
+def _piece_with(piece: PrecurvaturePiece, field: str, value: Any) -> PrecurvaturePiece:
+    if field == "length" and isinstance(piece, SampledCurvature):
+        return attrs.evolve(piece, arc_length=piece.arc_length * (float(value) / piece.length))
+    return attrs.evolve(cast(Any, piece), **{field: float(value) if field == "length" else value})  # type: ignore[no-any-return]

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 import ctr_opt as ctr
 from ctr_opt.calibration import refits
 from ctr_opt.calibration.estimation import Estimation
-from ctr_opt.robot.replacing import robot_with
+from ctr_opt.robot.names import robot_with
 from tests.support.estimated import NOISE, experiments, flat, off_by, points, small_robot, solve, with_points
 
 pytestmark = pytest.mark.usefixtures("compiling")

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 import ctr_opt as ctr
-from ctr_opt.robot.replacing import robot_with
+from ctr_opt.robot.names import robot_with
 from tests.support.estimated import NOISE, every_kind, experiments, flat, off_by, points, small_robot, with_points
 
 pytestmark = pytest.mark.usefixtures("compiling")

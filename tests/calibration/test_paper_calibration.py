@@ -11,7 +11,7 @@ import ctr_opt as ctr
 from ctr_opt.cli import cli
 from ctr_opt.estimation.losses import SMOOTHING
 from ctr_opt.files.calibration import load_calibration
-from ctr_opt.robot.replacing import robot_with
+from ctr_opt.robot.names import robot_with
 
 pytestmark = pytest.mark.usefixtures("compiling")
 

@@ -9,7 +9,7 @@ from scipy.optimize import approx_fprime, least_squares, minimize
 
 import ctr_opt as ctr
 from ctr_opt.estimation.places import _in_order, free, moved
-from ctr_opt.robot.replacing import robot_with
+from ctr_opt.robot.names import robot_with
 from tests.support.estimated import actuations, experiments, flat, off_by, small_robot, solve
 
 SIGMA = 5e-4

@@ -12,7 +12,7 @@ import ctr_opt as ctr
 from ctr_opt.estimation.experiment import Experiment
 from ctr_opt.force.reach import unreachable
 from ctr_opt.force.search import Search
-from ctr_opt.robot.replacing import robot_with
+from ctr_opt.robot.names import robot_with
 
 RATE = 100.0  # Hz
 SIGMA = 2e-4  # m

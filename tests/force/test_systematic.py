@@ -6,8 +6,7 @@ import pytest
 
 import ctr_opt as ctr
 from ctr_opt.force.systematic import Systematic
-from ctr_opt.robot.names import parameters
-from ctr_opt.robot.replacing import robot_with
+from ctr_opt.robot.names import parameters, robot_with
 
 SIGMA = 2e-4  # m
 PLACES = np.linspace(0.1, 0.98, 12) * 0.163  # m; a point at the tip itself could move to one side only

@@ -5,8 +5,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import ctr_opt as ctr
-from ctr_opt.robot.names import parameters
-from ctr_opt.robot.replacing import robot_with
+from ctr_opt.robot.names import parameters, robot_with
 
 NOISE = {"position": 5e-4, "angle": 5e-3, "curvature": 5e-2, "torque": 1e-4}
 _LENGTHS = ((0.16, 0.08), (0.09, 0.07), (0.05, 0.06))

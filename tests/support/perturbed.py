@@ -4,7 +4,7 @@ import attrs
 import numpy as np
 
 import ctr_opt as ctr
-from ctr_opt.robot.replacing import loads_with, robot_with
+from ctr_opt.robot.names import loads_with, robot_with
 
 TIGHT = 1e-11  # tolerance of solves that are differenced: the smallest there is
 
