@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..checks import Array
 from ..errors import EstimationError
-from ..layout.configuration import SAME_POINT
+from ..layout.ends import SAME_POINT
 from ..loads.wrenches import Load
 from ..native import compile as compilation
 from ..native.calls import LoadRows

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..checks import Array
 from ..layout.configuration import Configuration
+from ..layout.ends import Ends
 from ..loads.wrenches import Load, LoadTable
 from ..mechanics.fields import material_frame
 from ..mechanics.state import State
@@ -24,7 +25,7 @@ from ..robot.names import Parameter, parameters, parsed
 from ..robot.robot import Robot
 from ..transcription.integrals import integral_functions
 from ..transcription.parametric_problem import Discretized, ParametricProblem
-from .measurements import Distal, Predicted, Request, Somewhere, arc_length_of
+from .measurements import Distal, Predicted, Request, Somewhere
 
 SIZES = {"pose": 12, "curvature": 3, "torque": 1, "force": 1}
 _PROBES = "probes"
@@ -36,7 +37,7 @@ def structure(robot: Robot, actuation: Actuation, loads: Sequence[Load], request
     known = parameters(robot, actuation, loads)
     own = tuple(_structure(load, f"loads[{k}].", known) for k, load in enumerate(loads))
     asked = tuple((r.kind, "s" if isinstance(r.place, float) else r.place, r.tube, r.sensor) for r in requests)
-    ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
+    ends = Ends.of_robot(robot, actuation.translations)
     return own, asked, tuple(carrier(request, ends) for request in requests if request.kind == "pose")
 
 
@@ -55,15 +56,13 @@ def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable
     return tuple(parts)
 
 
-def carrier(request: Request, ends: Array) -> int:
+def carrier(request: Request, ends: Ends) -> int:
     """The tube whose frame a pose is: the one that ends there, or the innermost that is there; or the longest."""
     if request.tube is not None:
         return request.tube
     if isinstance(request.place, Distal):
         return request.place.tube
-    if isinstance(request.place, Somewhere):
-        return int(np.argmax(ends))
-    return int(np.argmax(ends >= arc_length_of(request.place, ends) - 1e-9 * ends.max()))
+    return ends.innermost(request.place if isinstance(request.place, float) else None)
 
 
 def _numbers(requests: Sequence[Request]) -> Array:
@@ -189,7 +188,7 @@ class GroupModel:
             else:
                 vector, mark = swept.right @ swept.weights[:, mark], mark + 1
             state = State.split(vector, tubes)
-            angle = state.angles[carrier(request, configuration.tube_ends)]
+            angle = state.angles[carrier(request, configuration.ends)]
             found += [state.position * length, ca.vec(material_frame(state.orientation, angle))]
         return found
 

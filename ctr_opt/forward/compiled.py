@@ -13,6 +13,7 @@ import numpy as np
 
 from ..checks import Array, index
 from ..layout.configuration import Configuration
+from ..layout.ends import Ends
 from ..loads.wrenches import Load
 from ..native.calls import Goal, LoadRows, Native, RobotTable
 from ..robot.actuation import Actuation
@@ -361,9 +362,7 @@ class CompiledEquilibrium(Equilibrium):
     @property
     def _innermost_at_tip(self) -> int:
         """The innermost tube that ends at ``length``."""
-        tubes, shifts = self.robot.tubes, self.actuation.translations.tolist()
-        ends = [tube.length + shift for tube, shift in zip(tubes, shifts, strict=True)]
-        return ends.index(max(ends))
+        return Ends.of_robot(self.robot, self.actuation.translations).innermost()
 
 
 def _turned(quaternion: list[float], angle: float) -> Array:

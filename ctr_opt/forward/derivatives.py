@@ -84,7 +84,7 @@ class Differentiable:
         at = None if load_at is None else place_of(load_at, carrier, own, "load_at")
         configuration = Configuration(own.robot, own.actuation, (*own.loads, PointWrench(arc_length=at, tube=carrier)))
         reached = own.length if s is None else place_of(s, None, own)
-        present = carrier if reached <= own.tube_ends[carrier] else None
+        present = carrier if own.ends.reaches(carrier, reached) else None
         wanted = Output("tip_pose", present) if s is None else Output("pose", present, reached)
         name = f"loads[{len(own.loads)}]"
         added = chosen(parameters(own.robot, own.actuation, configuration.loads), [f"{name}.force", f"{name}.moment"])

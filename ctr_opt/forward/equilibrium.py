@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 
 from ..checks import Array, index
 from ..errors import DefinitionError, SolveError
@@ -334,7 +333,9 @@ class Equilibrium(Differentiable):
         i = None if tube is None else self._tube(tube)
 
         def poses(at: Values) -> Array:
-            tubes = self._innermost(at.arc_length) if i is None else np.full(len(at.arc_length), i)
+            tubes = (
+                self._configuration.ends.innermost_along(at.arc_length) if i is None else np.full(len(at.arc_length), i)
+            )
             angles = at.state.angles[tubes, np.arange(len(tubes))]
             result = np.tile(np.eye(4), (len(tubes), 1, 1))
             result[:, :3, :3] = _rotations(at.state.orientation, angles)
@@ -454,11 +455,6 @@ class Equilibrium(Differentiable):
 
     def _tube(self, tube: int) -> int:
         return index(tube, "tube", self._configuration.tube_count)
-
-    def _innermost(self, s: Array) -> NDArray[np.intp]:
-        ends = self._configuration.tube_ends
-        reaches = np.where(s[:, None] < self.length, s[:, None] < ends, ends >= self.length)
-        return np.asarray(np.argmax(reaches, axis=1))
 
     def _vectors(self, s: Any, of: Callable[[Values], Array], tube: int | None = None) -> Array:
         return np.asarray(self._evaluate(s, of, tube))

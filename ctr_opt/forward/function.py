@@ -124,19 +124,9 @@ def _outputs(problem: ParametricProblem, swept: Swept) -> Any:
     configuration = problem.configuration
     tubes, length = configuration.tube_count, configuration.scales.length
     tip = State.split(swept.left[:, -1], tubes)
-    angle = ca.dot(_tube_at_tip(problem, swept), tip.angles)
+    at_tip = ca.Function("at_tip", [problem.theta], [problem.parametric.tube_at_tip])(swept.theta)
+    angle = ca.dot(at_tip, tip.angles)
     found = [tip.position * length, ca.vec(material_frame(tip.orientation, angle))]
     if swept.weights.shape[1]:
         found.append(ca.vec((swept.right @ swept.weights)[State.parts(tubes)["position"], :]) * length)
     return ca.vertcat(*found)
-
-
-def _tube_at_tip(problem: ParametricProblem, swept: Swept) -> Any:
-    """One for the innermost tube that ends at the tip, zero for the others."""
-    parametric = problem.parametric
-    ends = [parametric.points[parametric.tube_end(i)] for i in range(parametric.tubes)]
-    taken, weights = ca.SX(0), []
-    for end in ends:
-        weights.append(ca.if_else(taken, 0, end >= parametric.length))
-        taken = ca.logic_or(taken, weights[-1])
-    return ca.Function("at_tip", [problem.theta], [ca.vertcat(*weights)])(swept.theta)

@@ -15,7 +15,7 @@ from ..mechanics.fields import material_frame
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
 from ..transcription.integrals import integral_functions
-from ..transcription.parametric_problem import PROBE, SLACK, Discretized, ParametricProblem, Swept
+from ..transcription.parametric_problem import PROBE, Discretized, ParametricProblem, Swept
 
 ATTRIBUTES = ("tip_position", "tip_pose", "energy", "load_work", "potential_energy")
 _ALONG = ("position", "pose", "curvature", "internal_force", "internal_moment")
@@ -89,16 +89,14 @@ def _tube(tube: Any, configuration: Configuration) -> int:
 
 
 def place_of(s: Any, tube: int | None, configuration: Configuration, field: str = "s") -> float:
-    """An arc length on the robot or on a tube, exactly at its end where it is that but for rounding."""
-    end = configuration.length if tube is None else float(configuration.tube_ends[tube])
-    at = number(s, field, least=0.0, most=end * (1.0 + SLACK), unit="m")
-    return end if abs(at - end) <= SLACK * configuration.length else at
+    """An arc length on the robot or on a tube, exactly at a tube's end where it is that except for rounding."""
+    ends = configuration.ends
+    return float(ends.snap(number(s, field, least=0.0, most=ends.of(tube) + ends.slack, unit="m")))
 
 
 def from_left(wanted: Output, configuration: Configuration) -> bool:
     """Whether the value at its arc length is the limit from the left, as at the end of the tube or the robot."""
-    end = configuration.length if wanted.tube is None else float(configuration.tube_ends[wanted.tube])
-    return wanted.s is not None and abs(wanted.s - end) <= SLACK * configuration.length
+    return wanted.s is not None and wanted.s >= configuration.ends.of(wanted.tube)
 
 
 class Expressions:
@@ -124,20 +122,6 @@ class Expressions:
         """Positions of the tube's own break points in front of the entry point."""
         return [rank for key, rank in self.order.ranks.items() if key[:2] == ("tube", self.wanted.tube) and rank > 0]
 
-    def _tip_tube(self) -> int:
-        """The innermost of the tubes that end at the tip in this order."""
-        problem, last = self.problem, self.order.sections
-        ends = [problem.parametric.tube_end(i) for i in range(problem.parametric.tubes)]
-        at_tip = [i for i, key in enumerate(ends) if self.order.ranks[key] == last]
-        return min(i for i, key in enumerate(ends) if i in at_tip or problem.together(key, ends[at_tip[0]]))
-
-    def _innermost(self) -> int:
-        """The innermost tube present at the probe in this order."""
-        if self.wanted.s is None or self._left:
-            return self._tip_tube()
-        section, parametric = self.order.ranks[PROBE], self.problem.parametric
-        return next(i for i in range(parametric.tubes) if parametric.present(self.order, i, section) == 1.0)
-
     def value(self, swept: Swept, discretized: Discretized) -> Any:
         """The output as a column; a pose as its position and the nine entries of its rotation."""
         problem, scales = self.problem, self.problem.configuration.scales
@@ -154,8 +138,7 @@ class Expressions:
         if of.name in ("position", "tip_position"):
             return state.position * scales.length
         if of.posed:
-            tube = self._innermost() if of.tube is None else of.tube
-            frame = material_frame(state.orientation, state.angles[tube])
+            frame = material_frame(state.orientation, state.angles[of.tube])
             return ca.vertcat(state.position * scales.length, ca.vec(frame))
         if of.name == "tube_angle":
             return state.angles[of.tube]

@@ -70,13 +70,17 @@ def derivatives(
     count = len(problem.nominal)
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k in range(count) if at is None else [at]:
-        groups.setdefault(problem.keys(k, _sign(problem, k, side)), []).append(k)
+        sign = _sign(problem, k, side)
+        groups.setdefault((problem.keys(k, sign), _carrier(problem, wanted, k, sign)), []).append(k)
     if order == 2 and len(groups) > 1:
         raise DefinitionError(
             "order = 2: break points coincide and a parameter moves them apart; the first derivatives jump there, "
             "so that there are no second ones"
         )
-    regions = [(_Region(solved, problem, wanted, keys, order), those) for keys, those in groups.items()]
+    regions = [
+        (_Region(solved, problem, attrs.evolve(wanted, tube=tube), keys, order), those)
+        for (keys, tube), those in groups.items()
+    ]
     value = regions[0][0]
     first, unknowns = np.full((len(value.first), count), np.nan), np.full((len(solved.z), count), np.nan)
     for region, those in regions:
@@ -95,6 +99,11 @@ def _problem(solved: Solved, chosen: Sequence[Parameter], wanted: Output) -> Par
     left = from_left(wanted, configuration)
     probes = () if wanted.s is None else (wanted.s,)
     return ParametricProblem(configuration, chosen, solved.integrator, probes, from_left=left)
+
+
+def _carrier(problem: ParametricProblem, wanted: Output, column: int, sign: float) -> int | None:
+    """The tube whose frame a pose is, where a parameter grows (``sign = 1``) or shrinks a little."""
+    return problem.innermost(wanted.s, column, sign) if wanted.posed and wanted.tube is None else wanted.tube
 
 
 def _sign(problem: ParametricProblem, column: int, side: int) -> float:

@@ -23,9 +23,9 @@ from ..loads.wrenches import LOADS, DistributedLoad, Load, LoadTable, PointWrenc
 from ..mechanics.fields import Field, LoadKind
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
+from .ends import Ends
 from .resolution import called, resolve
 
-SAME_POINT = 1e-12  # of the robot's length: closer break points are one point
 LARGEST_TURN = 1.0  # rad, of a step
 MOST_STEPS = 200  # beyond what sections need: absurd loads shall fail soon, not fill the memory
 _FUNCTION_PARTS = 8  # an interval under a load given as a function is cut into so many steps at least
@@ -105,9 +105,9 @@ class Configuration:
         tubes = robot.tubes
         self.tube_count = len(tubes)
         self.translations = np.asarray(actuation.translations)
-        self.tube_ends = self.translations + np.array([tube.length for tube in tubes])
-        _check_reach(robot, self.translations, self.tube_ends)
-        self.length = float(self.tube_ends.max())
+        _check_reach(robot, self.translations)
+        self.ends = Ends.of_robot(robot, self.translations)
+        self.tube_ends, self.length = self.ends.array, self.ends.length
         self.bending_stiffness = np.array([tube.bending_stiffness for tube in tubes])
         self.torsional_stiffness = np.array([tube.torsional_stiffness for tube in tubes])
         self.scales = Scales(self.length, float(self.bending_stiffness.max()))
@@ -126,7 +126,6 @@ class Configuration:
             any(isinstance(load, (PointWrench, DistributedLoad)) and load.frame == "body" for load in self.loads),
             tuple(dict.fromkeys([f for _, f, _ in self.point_fields] + [f for _, _, f, _ in self.distributed_fields])),
         )
-        self.tube_ends = np.array([self._nearest_break(float(end)) for end in self.tube_ends])
         self.transmission_twist, self._straightening_energy = self._transmission()
 
     def _place(self, k: int, load: Load) -> None:
@@ -140,13 +139,12 @@ class Configuration:
             raise DefinitionError(
                 f"loads[{k}]: tube = {tube} is not there: the robot has tubes 0 to {self.tube_count - 1}"
             )
-        tube_end = float(self.tube_ends[tube])
-        slack = SAME_POINT * self.length
+        tube_end = self.ends.of(tube)
 
         def inside(field: str, value: float | None) -> float:
             if value is None:
                 return tube_end
-            if value > tube_end + slack:
+            if not self.ends.reaches(tube, value):
                 raise DefinitionError(
                     f"loads[{k}]: {field} = {value:g} m is beyond the end of tube {tube} "
                     f"({self.robot.tubes[tube].name!r}): allowed are 0 to {tube_end:g} m at this actuation"
@@ -176,16 +174,16 @@ class Configuration:
 
     def _place_weights(self, gravity: Gravity) -> None:
         """The tubes' own weight in front of the entry point."""
-        for i, (tube, end) in enumerate(zip(self.robot.tubes, self.tube_ends, strict=True)):
+        for i, (tube, end) in enumerate(zip(self.robot.tubes, self.ends.points, strict=True)):
             if tube.density > 0.0:
                 weight = DistributedLoad(force=tube.mass_per_length * gravity.acceleration, tube=i)
-                self.distributed_loads.append((0.0, float(end), weight))
+                self.distributed_loads.append((0.0, end, weight))
                 self._distributed_names.append(f"the weight of tube {i}")
 
     def _break_points(self) -> Array:
-        points = [0.0, self.length]
+        points = [0.0, *self.ends.points]
         for tube, translation in zip(self.robot.tubes, self.translations, strict=True):
-            points.extend(translation + tube.shape.breaks)
+            points.extend(translation + tube.shape.breaks[:-1])
         points.extend(s for s, _, _ in (*self.point_loads, *self.point_fields))
         for start, end, expression, _ in self.distributed_fields:
             points.extend((start, end))
@@ -198,11 +196,8 @@ class Configuration:
                     points.extend(density.arc_length[(density.arc_length > start) & (density.arc_length < end)])
                 elif callable(density):
                     points.extend(resolve(density, start, end, f"{name}.{field}"))
-        inside = np.unique(np.clip(points, 0.0, self.length))
-        apart = np.diff(inside, prepend=-np.inf) > SAME_POINT * self.length
-        kept = np.asarray(inside[apart])
-        kept[-1] = self.length
-        return kept
+        inside = np.unique(self.ends.snap(np.clip(points, 0.0, self.length)))
+        return np.asarray(inside[np.diff(inside, prepend=-np.inf) > self.ends.slack])
 
     def _resolved(self, field: Field, start: float, end: float) -> list[float]:
         """Where an expression needs break points by its dependence on ``s``, seen on the straight robot."""
@@ -373,9 +368,9 @@ def _check_actuation(robot: Robot, actuation: Actuation) -> None:
         )
 
 
-def _check_reach(robot: Robot, translations: Array, ends: Array) -> None:
-    for k, (tube, translation, end) in enumerate(zip(robot.tubes, translations, ends, strict=True)):
-        if end <= 0.0:
+def _check_reach(robot: Robot, translations: Array) -> None:
+    for k, (tube, translation) in enumerate(zip(robot.tubes, translations, strict=True)):
+        if tube.length + translation <= 0.0:
             raise DefinitionError(
                 f"tube {k} ({tube.name!r}): translations[{k}] = {translation:g} m draws it wholly behind the entry "
                 f"point: it must be above -{tube.length:g} m, the tube's length, and at most 0"

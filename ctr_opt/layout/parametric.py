@@ -7,7 +7,7 @@ numbers elsewhere; which section they belong to is told by an ``Order``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import casadi as ca
@@ -16,7 +16,8 @@ import numpy as np
 from ..robot import tube as formulas
 from ..robot.names import Parameter, parameters
 from ..robot.precurvature import PolynomialCurvature, SampledCurvature, along_arc_length
-from .configuration import SAME_POINT, Configuration
+from .configuration import Configuration
+from .ends import innermost_at_tip
 from .ordering import ENTRY, Key, Order
 from .parametric_loads import ParametricLoads
 
@@ -118,22 +119,24 @@ class Parametric:
         return ("tube", i, len(self.shapes[i]))
 
     @property
+    def tube_ends(self) -> list[Any]:
+        """Where the tubes end."""
+        return [self.points[self.tube_end(i)] for i in range(self.tubes)]
+
+    @property
     def length(self) -> Any:
         """The largest tube end."""
-        length, *ends = (self.points[self.tube_end(i)] for i in range(self.tubes))
-        for end in ends:
-            length = ca.if_else(length < end, end, length)
-        return length
+        return reduce(lambda length, end: ca.if_else(length < end, end, length), self.tube_ends)
+
+    @property
+    def tube_at_tip(self) -> Any:
+        """Weights ``(tubes,)``: one for the innermost tube that ends at the tip."""
+        return innermost_at_tip(self.tube_ends, self.length)
 
     @property
     def margin(self) -> Any:
         """How far the robot is from what it cannot be, m: loads beyond their tubes, tubes drawn out or in too far."""
-        ends = [self.points[self.tube_end(i)] for i in range(self.tubes)]
-        margins = [*self.within, *ends, *(-beta for beta in self.translations)]
-        least = margins[0]
-        for each in margins[1:]:
-            least = ca.fmin(least, each)
-        return least
+        return reduce(ca.fmin, [*self.within, *self.tube_ends, *(-beta for beta in self.translations)])
 
     def present(self, order: Order, i: int, section: int) -> Any:
         """One if a tube exists in a section."""
@@ -191,7 +194,7 @@ class Parametric:
         """Break points of the configuration by which loads given as functions are resolved stay where they are."""
         known = np.array(list(self.nominal.values()))
         for k, s in enumerate(self.configuration.break_points):
-            if np.abs(known - s).min() > SAME_POINT * self.configuration.length:
+            if np.abs(known - s).min() > self.configuration.ends.slack:
                 self.add(("fixed", k), float(s), float(s), self.length)
 
 

@@ -18,7 +18,8 @@ import casadi as ca
 import numpy as np
 
 from ..layout.columns import StepColumns
-from ..layout.configuration import LARGEST_TURN, MOST_STEPS, SAME_POINT
+from ..layout.configuration import LARGEST_TURN, MOST_STEPS
+from ..layout.ends import SAME_POINT
 from ..mechanics import boundary, rod
 from ..mechanics.fields import LoadKind
 from ..mechanics.so3 import rotation_matrix, turn_of

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..checks import Array, array, index, number
 from ..errors import DefinitionError
-from ..layout.configuration import SAME_POINT
+from ..layout.ends import Ends
 from ..loads.wrenches import Load
 from ..robot.actuation import Actuation
 from ..robot.names import chosen, parameters, parsed
@@ -238,24 +238,15 @@ def _each(probes: Sequence[object], experiments: Sequence[Experiment]) -> list[l
 
 def _places(robot: Robot, actuation: Actuation, probes: Sequence[Probe]) -> list[tuple[float | None, int]]:
     """Arc lengths, or None for the end, and tubes."""
-    ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
-    slack = SAME_POINT * float(ends.max())
+    ends = Ends.of_robot(robot, actuation.translations)
     found: list[tuple[float | None, int]] = []
     for k, each in enumerate(probes):
-        tube = _innermost(ends, each.arc_length) if each.tube is None else index(each.tube, "tube", len(ends))
+        tube = ends.innermost(each.arc_length) if each.tube is None else index(each.tube, "tube", len(robot.tubes))
         s = each.arc_length
         if s is not None:
-            s = number(s, f"probes[{k}].arc_length", least=0.0, most=float(ends[tube]) + slack, unit="m")
+            s = number(s, f"probes[{k}].arc_length", least=0.0, most=ends.of(tube) + ends.slack, unit="m")
         found.append((s, tube))
     return found
-
-
-def _innermost(ends: Array, s: float | None) -> int:
-    """The innermost tube present at an arc length, from the left at the tip; None: the tip."""
-    length = float(ends.max())
-    slack = SAME_POINT * length
-    tip = length - slack
-    return int(np.argmax(ends >= tip if s is None or s >= tip else ends > s + slack))
 
 
 def _rows(robot: Robot, loads: Sequence[Load], places: list[tuple[float | None, int]]) -> LoadRows:

@@ -22,7 +22,6 @@ from ..robot.names import Parameter
 from .shooting import ShootingFunctions, shooting_functions
 
 PROBE: Key = ("probe", 0)
-SLACK = 1e-12  # of the length: closer break points are one point, as in ``Configuration``
 _STILL = 1e-9  # m per unit of a parameter: break points that move less relative to each other stay together
 
 
@@ -72,7 +71,7 @@ class ParametricProblem:
         nominal = self.parametric.nominal
         keys = sorted((key for key in nominal if not self._behind(key)), key=lambda key: nominal[key])
         groups: list[list[Key]] = []
-        slack = SLACK * self.configuration.length
+        slack = self.configuration.ends.slack
         for key in keys:
             if groups and nominal[key] - nominal[groups[-1][-1]] <= slack:
                 groups[-1].append(key)
@@ -126,10 +125,17 @@ class ParametricProblem:
         points = self.parametric.points
         return sorted_order(points, [key for key in points if self._behind(key)])
 
-    def together(self, a: Key, b: Key) -> bool:
-        """Whether two break points coincide and stay together."""
-        velocities, coincide = self._velocities, any(a in group and b in group for group in self._groups)
-        return coincide and bool(np.all(np.abs(velocities[a] - velocities[b]) <= _STILL))
+    def innermost(self, s: float | None, column: int, sign: float) -> int:
+        """The innermost tube at a fixed arc length, or at the tip, when a parameter grows or shrinks a little.
+
+        Where all tubes are drawn back from there, the one that is there now.
+        """
+        ends, tubes = self.configuration.ends, range(self.parametric.tubes)
+        paces = [sign * float(self._velocities[self.parametric.tube_end(i)][column]) for i in tubes]
+        at = ends.length if s is None else s
+        pace = max(paces[i] for i in tubes if ends.points[i] == at) if s is None else 0.0
+        there = (i for i in tubes if (ends.points[i] > at or (ends.points[i] == at and paces[i] >= pace - _STILL)))
+        return next(there, ends.innermost(s))
 
     def behind_entry(self, i: int, order: Order) -> ca.Function:
         """``(theta, tau_i(0)) -> `` the Hamiltonian of a tube right behind the entry point, where it is held straight.
@@ -233,7 +239,7 @@ class Discretized:
         probes = [key for key in order.ranks if key[0] == "probe"] if marks is None else marks
         weights = [ca.vertcat(*(order.at(key, k) for k in range(order.sections + 1))) for key in probes]
         energy = data.straightening_energy if integrals else ca.SX(0)
-        slack = SLACK * problem.configuration.length
+        slack = problem.configuration.ends.slack
         beside = [order.sides(*pair, slack) for pair in sides]
         outputs = [columns, data.entry(total), slopes, energy, ca.horzcat(*local)]
         self.data = self._function(data, [*outputs, ca.horzcat(*weights), ca.horzcat(*beside)])
@@ -296,5 +302,5 @@ def at_nominal(problem: ParametricProblem, keys: Sequence[Key], mesh: Array) -> 
     """The fractions at which a mesh of the present configuration cuts the sections of an order."""
     front = list(keys)[list(keys).index(ENTRY) :]
     nominal = problem.parametric.nominal
-    slack = SLACK * problem.configuration.length
+    slack = problem.configuration.ends.slack
     return [fractions_of(mesh, nominal[a], nominal[b], slack) for a, b in pairwise(front)]

@@ -56,7 +56,7 @@ class Shape:
     def inside(self, s: Array, most: float, what: str) -> Array:
         """``s`` as an array, or an error where it is not within ``[0, most]``; the break points are hit exactly."""
         points = np.asarray(s, dtype=np.float64)
-        slack = 1e-12 * self.configuration.length
+        slack = self.configuration.ends.slack
         wrong = ~((points >= -slack) & (points <= most + slack))
         if wrong.any():
             value = float(points[wrong].ravel()[0])

@@ -1,0 +1,100 @@
+"""Where tubes end, and which tube is at an arc length.
+
+Lengths and translations are decimal numbers, so that ends that are meant to be one point differ by rounding: points
+closer than ``SAME_POINT`` of the robot's length are one point. Ends are snapped together here, once, and everything
+that asks which tube is at an arc length asks here. A tube that ends at a point is still there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from math import inf
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import Array
+from ..robot.robot import Robot
+
+SAME_POINT = 1e-12  # of the robot's length: closer points are one point
+
+
+@attrs.frozen(eq=False, slots=False)
+class Ends:
+    """The tubes' ends, m, from the entry point, those that differ by rounding made equal.
+
+    Examples
+    --------
+    >>> ends = Ends.at([0.1, 0.1 - 1e-17, 0.06])
+    >>> ends.length, ends.innermost(), ends.innermost(0.06)
+    (0.1, 0, 0)
+    >>> ends.snap([0.03, 0.06 + 1e-16]).tolist()
+    [0.03, 0.06]
+    """
+
+    points: tuple[float, ...]
+    length: float
+
+    @classmethod
+    def at(cls, ends: Sequence[float]) -> Ends:
+        """From ends as they were computed: chains of close ones become their largest, those at the entry zero."""
+        slack = SAME_POINT * max(ends)
+        snapped, last, before = {}, 0.0, inf
+        for end in sorted(ends, reverse=True):
+            if before - end > slack:
+                last = 0.0 if 0.0 < end <= slack else end
+            snapped[end], before = last, end
+        return cls(tuple([snapped[end] for end in ends]), snapped[max(ends)])
+
+    @classmethod
+    def of_robot(cls, robot: Robot, translations: Array) -> Ends:
+        """Of a robot at these ``translations (tubes,)``, m."""
+        return cls.at([tube.length + shift for tube, shift in zip(robot.tubes, translations.tolist(), strict=True)])
+
+    @property
+    def slack(self) -> float:
+        """Points within this distance are one point, m."""
+        return SAME_POINT * self.length
+
+    @cached_property
+    def array(self) -> Array:
+        """The ends ``(tubes,)``."""
+        values = np.array(self.points)
+        values.setflags(write=False)
+        return values
+
+    def of(self, tube: int | None) -> float:
+        """The end of a tube; None: of the robot."""
+        return self.length if tube is None else self.points[tube]
+
+    def snap(self, s: Any) -> Array:
+        """Arc lengths ``s``, those at the same point as a tube's end exactly there."""
+        near = np.abs(np.asarray(s)[..., None] - self.array) <= self.slack
+        return np.asarray(np.where(near.any(axis=-1), self.array[near.argmax(axis=-1)], s))
+
+    def reaches(self, tube: int | None, s: float) -> bool:
+        """Whether a tube (None: any) is at ``s``, be it with its end."""
+        return s <= self.of(tube) + self.slack
+
+    def innermost(self, s: float | None = None) -> int:
+        """The innermost tube at ``s``; None, and beyond the tip: at the tip."""
+        if s is None or s >= self.length:
+            return self.points.index(self.length)
+        return next(i for i in range(len(self.points)) if self.reaches(i, s))
+
+    def innermost_along(self, s: Array) -> NDArray[np.intp]:
+        """The innermost tubes at arc lengths ``s (k,)``."""
+        return np.asarray(np.argmax(self.array >= np.minimum(s, self.length)[:, None] - self.slack, axis=1))
+
+
+def innermost_at_tip(ends: Sequence[Any], length: Any) -> Any:
+    """Weights ``(tubes,)`` of expressions: one for the innermost tube that ends at the tip, else zero."""
+    taken, weights = ca.SX(0), []
+    for end in ends:
+        weights.append(ca.logic_and(1 - taken, end >= length - SAME_POINT * length))
+        taken = ca.logic_or(taken, weights[-1])
+    return ca.vertcat(*weights)
