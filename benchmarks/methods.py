@@ -133,7 +133,7 @@ def native(problem, start, repeats, derivative=False):
     """Integrations by compiled code, so many in a call, on the mesh rule of its solves; what it fills comes second."""
     compiled = problem._by_compiled_code(start.loads)
     rows, inputs = compiled._inputs(start.actuation, start.loads)
-    found = np.zeros(compiled.native.states)
+    found = np.zeros(compiled.native.sizes.states)
     case = (compiled._address, rows.address, inputs, start.start, repeats, derivative, found.ctypes.data)
 
     def call(_keep=(rows, start, found)):

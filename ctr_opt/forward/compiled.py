@@ -15,7 +15,8 @@ from ..checks import Array, index
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
 from ..loads.wrenches import Load
-from ..native.calls import Goal, LoadRows, Native, RobotTable
+from ..native.abi import Failure, Goal, Head
+from ..native.calls import LoadRows, Native, RobotTable
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from ..solvers.accuracy import estimate_error_of_nodes
@@ -38,8 +39,8 @@ class CompiledProblem:
         self._robot = RobotTable(robot)
         self._address = self._robot.address
         self._tubes = len(robot.tubes)
-        self.sizes = (native.header, native.start, native.unknowns, native.states)
-        self._size = native.size(_STEPS)
+        self.sizes = native.sizes
+        self._size = native.sizes.at("size", _STEPS)
         self._automatic = settings.formulation == "automatic"
         self._tolerances = Goal(settings.tolerance, settings.compiled_residual)
         self._goal = ctypes.addressof(self._tolerances)
@@ -64,9 +65,9 @@ class CompiledProblem:
             if not failed:
                 found = CompiledEquilibrium(self, actuation, loads, numbers, address, perf_counter() - begin)
                 return None if start is None and self.left(found) else found
-            if failed != Native.TOO_SMALL:
+            if failed != Failure.TOO_SMALL:
                 return None
-            self._size = 2 * int(numbers[Native.NEEDED])
+            self._size = 2 * int(numbers[Head.NEEDED])
 
     def knows(self, loads: tuple[Load, ...]) -> bool:
         """Whether there is compiled code for all of the loads."""
@@ -79,9 +80,9 @@ class CompiledProblem:
     def _start(self, initial: Equilibrium) -> int | None:
         """Address of the numbers that a solve starts from; None where it cannot start from this equilibrium."""
         if isinstance(initial, CompiledEquilibrium):
-            return initial.start if initial.sizes[2] == self.native.unknowns else None
+            return initial.start if initial.sizes.unknowns == self.sizes.unknowns else None
         jacobian = initial.shooting_jacobian
-        if jacobian is None or len(jacobian) != self.native.unknowns:
+        if jacobian is None or len(jacobian) != self.sizes.unknowns:
             return None
         configuration = initial.configuration
         scales = configuration.scales
@@ -106,7 +107,7 @@ class CompiledProblem:
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
         jacobian, compliance = np.empty((6, 2 * self._tubes)), np.empty((6, 6))
-        refinements = int(of._numbers[Native.REFINEMENTS])
+        refinements = int(of._numbers[Head.REFINEMENTS])
         outputs = (refinements, tube, jacobian.ctypes.data, compliance.ctypes.data)
         failed = self.native.derive(self._address, rows.address, inputs, of.start, *outputs)
         return None if failed else (jacobian, compliance)
@@ -115,7 +116,7 @@ class CompiledProblem:
         """The exact Jacobian of the tip conditions, and the estimated error over the length."""
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
-        k = self.native.unknowns
+        k = self.sizes.unknowns
         out = np.empty(k * k + 1)
         failed = self.native.inspect(self._address, rows.address, inputs, of.address, out.ctypes.data)
         return None if failed else (out[:-1].reshape(k, k), float(out[-1]))
@@ -125,7 +126,7 @@ class CompiledProblem:
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
         margin = ctypes.c_double()
-        negative = self.native.stability(self._address, rows.address, inputs, of.address, margin)
+        negative = self.native.stability(self._address, rows.address, inputs, of.address, ctypes.byref(margin))
         return None if negative < 0 else SecondVariation(negative, margin.value > 0.0, abs(margin.value))
 
     def _inputs(self, actuation: Actuation, loads: tuple[Load, ...]) -> tuple[LoadRows | None, int]:
@@ -176,7 +177,7 @@ class CompiledBatch:
         address, goal = numbers.ctypes.data, problem._goal
         done = problem.native.many(*case, start, chained, goal, address, size, failed.ctypes.data)
         seconds, tubes = (perf_counter() - begin) / max(done, 1), actuations.shape[1] // 2
-        cold, lost = numbers[:done, Native.COLD].tolist(), failed[:done].tolist()
+        cold, lost = numbers[:done, Head.COLD].tolist(), failed[:done].tolist()
         found: list[CompiledEquilibrium | None] = []
         for k, row in enumerate(actuations[:done]):
             actuation, loads = (row[:tubes], row[tubes:]), self._loads[first + k]
@@ -220,12 +221,12 @@ class CompiledEquilibrium(Equilibrium):
     @property
     def start(self) -> int:
         """Address of the block that another solve may start from."""
-        return self.address + 8 * self.sizes[0]
+        return self.address + 8 * self.sizes.at("start", 0)
 
     @property
     def cold(self) -> bool:
         """Whether it was found from nothing."""
-        return bool(self._numbers[Native.COLD])
+        return bool(self._numbers[Head.COLD])
 
     @property
     def robot(self) -> Robot:
@@ -252,28 +253,30 @@ class CompiledEquilibrium(Equilibrium):
     @property
     def length(self) -> float:
         """Arc length from the entry point to the tip, m."""
-        return float(self._numbers[Native.LENGTH])
+        return float(self._numbers[Head.LENGTH])
 
     @cached_property
     def _configuration(self) -> Configuration:  # type: ignore[override]
         return Configuration(self.robot, self.actuation, self.loads)
 
-    @property
-    def _block(self) -> Array:
-        header, start, _, _ = self.sizes
-        return self._numbers[header : header + start]
+    def _block(self, name: str, end: str) -> Array:
+        """The part of the result that begins with a block and ends where another one begins."""
+        steps = int(self._numbers[Head.STEPS])
+        return self._numbers[self.sizes.at(name, steps) : self.sizes.at(end, steps)]
+
+    def _start(self, name: str) -> Array:
+        return self._block("start", "mesh")[self.sizes.start[name]]
 
     @property
     def unknowns(self) -> Array:
         """Moments and force at the base: see :attr:`Differentiable.unknowns`."""
-        z, (moment, force) = self._block[: self.sizes[2]], self._block[-2:]
+        z, (moment, force) = self._start("unknowns"), self._start("units")
         moments = 2 + len(self.robot.tubes)
         return np.concatenate((z[:moments] * moment, z[moments:] * force))
 
     @cached_property
     def _base(self) -> BaseMoments:  # type: ignore[override]
-        unknowns = self.sizes[2]
-        return BaseMoments.of(self._block[:unknowns], self._configuration.scales, len(self.robot.tubes))
+        return BaseMoments.of(self._start("unknowns"), self._configuration.scales, len(self.robot.tubes))
 
     @cached_property
     def _outcome(self) -> Outcome:  # type: ignore[override]
@@ -281,9 +284,9 @@ class CompiledEquilibrium(Equilibrium):
         return Outcome(
             SolveStatus.CONVERGED,
             "homotopy" if self.cold else "newton from initial",
-            iterations=int(self._numbers[Native.ITERATIONS]),
+            iterations=int(self._numbers[Head.ITERATIONS]),
             solve_time=self._time,
-            residual_norm=float(self._numbers[Native.RESIDUAL]),
+            residual_norm=float(self._numbers[Head.RESIDUAL]),
             discretization_error=error * self.length,
             jacobian=jacobian,
         )
@@ -302,11 +305,9 @@ class CompiledEquilibrium(Equilibrium):
 
     @cached_property
     def _solved_shape(self) -> Shape:  # type: ignore[override]
-        header, start, _, states = self.sizes
-        steps = int(self._numbers[Native.STEPS])
-        blocks = np.split(self._numbers[header + start :], np.cumsum((2 * steps, states * (steps + 1), states * steps)))
-        right, left = (block.reshape(-1, states).T for block in blocks[1:3])
-        return Shape(self._configuration, blocks[0].reshape(steps, 2), Nodes(right[:, :steps], left, right[:, steps]))
+        mesh, states = self._block("mesh", "right").reshape(-1, 2), self.sizes.states
+        right, left = (self._block(*ends).reshape(-1, states).T for ends in (("right", "left"), ("left", "size")))
+        return Shape(self._configuration, mesh, Nodes(right[:, :-1], left, right[:, -1]))
 
     def jacobian(self, s: float | None = None, side: int = 1) -> Array:
         """Derivative of the pose by actuation: see :meth:`Differentiable.jacobian`."""
@@ -339,10 +340,8 @@ class CompiledEquilibrium(Equilibrium):
     @cached_property
     def _tip_state(self) -> Array:
         """The state before any load at the tip, positions over the length."""
-        header, start, _, states = self.sizes
-        steps = int(self._numbers[Native.STEPS])
-        first = header + start + 2 * steps + states * steps
-        return self._numbers[first : first + states]
+        end = self.sizes.at("left", int(self._numbers[Head.STEPS]))
+        return self._numbers[end - self.sizes.states : end]
 
     @cached_property
     def tip_position(self) -> Array:

@@ -39,8 +39,8 @@ static void add_hamiltonian(const Lanes *lanes, int tube, double sign, const dou
       if (lanes->lane[b * BLOCK + l].to >= 0) rates_[lanes->lane[b * BLOCK + l].to] += unit * sum[l];
   }
   for (int k = 0; k < lanes->asked->count; k++) {
-    const int *row = lanes->asked->directions + 3 * k;
-    if (!carried(row[0])) rates_[NZ + k] += unit * by_state[AT_POSITION + row[2]] / layout->length;
+    const Direction *of = lanes->asked->directions + k;
+    if (!carried(of->kind)) rates_[NZ + k] += unit * by_state[AT_POSITION + of->component] / layout->length;
   }
 }
 
@@ -71,10 +71,11 @@ static void take_over(const Lanes *lanes, int first, int count, const Place *fro
 static void add_riding(const Lanes *lanes, int at, int tube, double sign, Place *place) {
   const Layout *layout = lanes->c->layout;
   for (int k = 0; k < layout->loads->spans; k++) {
-    const double *row = span_row(layout, k), unit = sign * layout->length / force_scale(layout);
-    if (!isnan(row[SPAN_END]) || (int)row[SPAN_TUBE] != tube || layout->of_span[2 * k + 1] != at) continue;
-    if (BODY && row[SPAN_BODY] != 0.0) continue;
-    add3(place->data + DATA_FORCE, row + SPAN_FORCE, unit);
+    const SpanLoad *load = span_load(layout, k);
+    const double unit = sign * layout->length / force_scale(layout);
+    if (!isnan(load->ends[1]) || (int)load->tube != tube || layout->of_span[2 * k + 1] != at) continue;
+    if (BODY && load->frame != 0.0) continue;
+    add3(place->data + DATA_FORCE, load->force, unit);
     for (int n = 0; n < lanes->blocks * BLOCK; n++) {
       const Lane lane = lanes->lane[n];
       if (lane.kind != BY_SPAN_FORCE || lane.index != k) continue;
@@ -89,9 +90,9 @@ static void jump_some(Lanes *lanes, int at, int rides, double *x) {
   double point[POINT] = {0};
   int some = 0;
   for (int k = 0; k < layout->loads->points; k++) {
-    const double *row = point_row(layout, k);
-    if (layout->of_point[k] != at || rider(row) != rides) continue;
-    add_point(layout, row, point);
+    const PointLoad *load = point_load(layout, k);
+    if (layout->of_point[k] != at || rider(load) != rides) continue;
+    add_point(layout, load, point);
     some = 1;
   }
   if (some) jump_lanes(lanes, at, rides, point, x);
@@ -148,11 +149,11 @@ static void start_forces(const Lanes *lanes, Answer *answer) {
     answer->forces[i] = torque * (0.5 * twist + u[2]) - 0.5 * robot->bending[i] * bent;
     rates_[2 + i] = twist + u[2];
     for (int k = 0; k < lanes->asked->count; k++) {
-      const int *row = lanes->asked->directions + 3 * k;
-      if (row[0] == BY_BENDING && row[1] == i) rates_[NZ + k] = -0.5 * bent;
-      if (row[0] == BY_TORSIONAL && row[1] == i) rates_[NZ + k] = -0.5 * twist * twist;
-      if (row[0] != BY_PRECURVATURE || row[2] != i) continue;
-      const Robot changed = with_table(lanes, row[1]);
+      const Direction *of = lanes->asked->directions + k;
+      if (of->kind == BY_BENDING && of->index == i) rates_[NZ + k] = -0.5 * bent;
+      if (of->kind == BY_TORSIONAL && of->index == i) rates_[NZ + k] = -0.5 * twist * twist;
+      if (of->kind != BY_PRECURVATURE || of->component != i) continue;
+      const Robot changed = with_table(lanes, of->index);
       double change[3];
       precurvature(&changed, i, piece, sigma, change, NULL);
       rates_[NZ + k] = torque * change[2] - robot->bending[i] * (u[0] * change[0] + u[1] * change[1]);

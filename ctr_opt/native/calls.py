@@ -3,50 +3,21 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import CompilationError
 from ..loads.gravity import DistributedMass, Gravity, PointMass
 from ..loads.wrenches import DistributedLoad, Load, PointWrench
+from ..mechanics.fields import LoadKind
 from ..robot.robot import Robot
+from . import abi
 
-_DOUBLES = ctypes.POINTER(ctypes.c_double)
-_INTS = ctypes.POINTER(ctypes.c_int)
-
-
-class _Robot(ctypes.Structure):
-    _fields_ = (
-        ("bending", _DOUBLES),
-        ("torsional", _DOUBLES),
-        ("pieces", _INTS),
-        ("degree", ctypes.c_int),
-        ("breaks", _DOUBLES),
-        ("coefficients", _DOUBLES),
-        ("position", _DOUBLES),
-        ("orientation", _DOUBLES),
-    )
-
-
-class _Loads(ctypes.Structure):
-    _fields_ = (("points", ctypes.c_int), ("spans", ctypes.c_int), ("point", _DOUBLES), ("span", _DOUBLES))
-
-
-class _Asked(ctypes.Structure):
-    _fields_ = (
-        ("directions", _INTS),
-        ("count", ctypes.c_int),
-        ("tables", _DOUBLES),
-        ("probes", _INTS),
-        ("probe_count", ctypes.c_int),
-    )
-
-
-def _pointer(array: NDArray[Any]) -> Any:
-    return array.ctypes.data_as(_INTS if array.dtype == np.intc else _DOUBLES)
+_POINT, _SPAN = abi.columns(abi.PointLoad), abi.columns(abi.SpanLoad)
 
 
 class RobotTable:
@@ -67,8 +38,7 @@ class RobotTable:
             "position": robot.base_pose[:3, 3].copy(),
             "orientation": robot.base_quaternion,
         }
-        pointers = {name: _pointer(array) for name, array in self._arrays.items()}
-        self._struct = _Robot(degree=degree, **pointers)
+        self._struct = abi.filled(abi.Robot, degree=degree, **self._arrays)
         self.address = ctypes.addressof(self._struct)
 
 
@@ -79,25 +49,26 @@ class LoadRows:
         self, points: list[tuple[float, ...]], spans: list[tuple[float, ...]], rows: dict[int, int] | None = None
     ) -> None:
         self.rows = rows or {}
-        self._point, self._span = np.array(points, dtype=np.float64), np.array(spans, dtype=np.float64)
-        self._struct = _Loads(len(points), len(spans), _pointer(self._point), _pointer(self._span))
+        self._hold(np.array(points, dtype=np.float64), np.array(spans, dtype=np.float64))
+
+    def _hold(self, point: NDArray[np.float64], span: NDArray[np.float64]) -> None:
+        self._point, self._span = point, span
+        self._struct = abi.filled(abi.Loads, points=len(point), spans=len(span), point=point, span=span)
         self.address = ctypes.addressof(self._struct)
 
     def placed(self, points: list[int], s: NDArray[np.float64]) -> LoadRows:
         """The same with some rows of points at other arc lengths."""
         other = copy(self)
-        other._point = self._point.copy()
-        other._point[points, 0] = s
-        other._struct = _Loads(len(other._point), len(self._span), _pointer(other._point), _pointer(self._span))
-        other.address = ctypes.addressof(other._struct)
+        point = self._point.copy()
+        point[points, _POINT["s"]] = s[:, None]
+        other._hold(point, self._span)
         return other
 
     def numbers(self, load: Load | None, row: int, field: str) -> NDArray[np.float64]:
         """A view of a load's numbers, in the row where it stands, or of a probe's (None): may be written to."""
         spans = isinstance(load, (DistributedLoad, DistributedMass))
-        table, first = (self._span, 4) if spans else (self._point, 3)
-        parts = {"arc_length": slice(0, 1), "force": slice(first, first + 3), "moment": slice(first + 3, first + 6)}
-        return np.asarray(table[row, parts[field]])
+        table, parts = (self._span, _SPAN) if spans else (self._point, _POINT)
+        return np.asarray(table[row, parts["s" if field == "arc_length" else field]])
 
     @classmethod
     def of(
@@ -143,69 +114,63 @@ def _floats(vector: Any) -> Any:
 
 
 class Questions:
-    """What is asked of the model, one experiment after the other; see ``native/directions.h``.
+    """What is asked of the model, one experiment after the other.
 
     ``directions (experiments, k, 3)``: kinds, indices and components; ``tables``: changes of the robot's coefficients;
     ``probes (experiments, k, 2)``: rows of point loads, and tubes.
     """
 
-    KINDS = (
-        *("bending", "torsional", "rotation", "translation", "position", "turn"),
-        *("force", "moment", "place", "span_force", "span_moment", "precurvature"),
-    )
-
     def __init__(self, directions: NDArray[Any], tables: NDArray[Any], probes: NDArray[Any]) -> None:
         self._arrays = [np.ascontiguousarray(each, dtype=np.intc) for each in (directions, probes)]
         self._tables = np.ascontiguousarray(tables, dtype=np.float64)
         asked, places = self._arrays
-        counts = asked.shape[1], places.shape[1]
-        rows = zip(asked, places, strict=True)
-        self._structs = (_Asked * len(asked))(
-            *(_Asked(_pointer(a), counts[0], _pointer(self._tables), _pointer(b), counts[1]) for a, b in rows)
-        )
-        first, size = ctypes.addressof(self._structs), ctypes.sizeof(_Asked)
+        rows = [
+            abi.filled(abi.Asked, directions=a, count=len(a), tables=self._tables, probes=b, probe_count=len(b))
+            for a, b in zip(asked, places, strict=True)
+        ]
+        self._structs = (abi.Asked * len(rows))(*rows)
+        first, size = ctypes.addressof(self._structs), ctypes.sizeof(abi.Asked)
         self._addresses = np.array([first + size * k for k in range(len(asked))], dtype=np.uintp)
         self.addresses = self._addresses.ctypes.data
 
 
-class Goal(ctypes.Structure):
-    """What a solve must meet: position error over length, and scaled residual."""
+class Answer:
+    """Room for what the model says of ``count`` experiments: arrays by name, but for those left out."""
 
-    _fields_ = (("error", ctypes.c_double), ("residual", ctypes.c_double))
-
-
-_ADDRESS, _LONG, _INT = ctypes.c_void_p, ctypes.c_long, ctypes.c_int
+    def __init__(self, count: int, sizes: Mapping[str, int], left_out: Sequence[str]) -> None:
+        shapes = {
+            name: [sizes[n] if isinstance(n, str) else n for n in of]
+            for name, of in abi.ANSWER.items()
+            if name not in left_out
+        }
+        self.numbers = {name: np.empty((count, *shape)) for name, shape in shapes.items()}
+        self._struct = abi.filled(abi.Answer, **self.numbers)
+        self.address = ctypes.addressof(self._struct)
 
 
 class Native:
-    """The functions of a compiled library and the layout of what they return; see ``native/driver.c``.
+    """The functions of a compiled library, which take addresses, and the sizes of its results; see ``native/abi.py``.
 
-    All take addresses; ``0`` is success, ``TOO_SMALL`` asks for a result of ``NEEDED`` numbers.
+    Raises
+    ------
+    CompilationError
+        The library was not made for this table.
     """
 
-    TOO_SMALL = 3
-    ITERATIONS, RESIDUAL, ERROR, STEPS, LENGTH, REFINEMENTS, NEEDED, COLD = range(8)
-
-    def __init__(self, library: ctypes.CDLL) -> None:
-        def function(name: str, *arguments: Any) -> Any:
-            found = getattr(library, name)
-            found.argtypes, found.restype = arguments, _INT
-            return found
-
-        case = (_ADDRESS, _ADDRESS, _ADDRESS)  # robot, loads, actuation
-        self.warm = function("warm", *case, _ADDRESS, _ADDRESS, _ADDRESS, _LONG)
-        self.cold = function("cold", *case, _ADDRESS, _ADDRESS, _LONG)
-        self.many = function("many", *case, _INT, _ADDRESS, _INT, _ADDRESS, _ADDRESS, _LONG, _ADDRESS)
-        self.derive = function("derive", *case, _ADDRESS, _INT, _INT, _ADDRESS, _ADDRESS)
-        self.models = function("models", *case, _ADDRESS, _INT, _INT, *[_ADDRESS] * 10)
-        self.stability = function("stability", *case, _ADDRESS, ctypes.POINTER(ctypes.c_double))
-        self.inspect = function("inspect", *case, _ADDRESS, _ADDRESS)
-        self.integrate = function("integrate", *case, _ADDRESS, _INT, _INT, _ADDRESS)
-        numbers = (_INT * 3)()
+    def __init__(self, library: ctypes.CDLL, tubes: int, kind: LoadKind) -> None:
+        self.library, self.sizes = library, abi.Sizes.of(tubes, kind)
+        expected = self.sizes.expected
+        numbers = (ctypes.c_int * len(expected))()
         library.sizes(numbers)
-        self.states, self.unknowns, self.header = numbers
-        self.start = self.unknowns * (self.unknowns + 2) + 2
+        if list(numbers) != expected:
+            raise CompilationError(
+                f"the compiled library for {tubes} tubes has other structures than ctr_opt.native.abi: compilers of "
+                "Python and of the library must agree; name another one in CC"
+            )
+        for name in abi.FUNCTIONS:
+            function = getattr(library, name)
+            function.argtypes, function.restype = abi.arguments(name), ctypes.c_int
+            setattr(self, name, function)
 
-    def size(self, steps: int) -> int:
-        """Numbers in the result of a solve with so many steps."""
-        return self.header + self.start + 2 * steps + self.states * (2 * steps + 1)
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(f"the compiled library has no function {name!r}")

@@ -2,35 +2,7 @@
    the robot side by side. A lane holds derivatives of dimensionless states by one unknown or parameter in SI; units are
    constants. */
 
-/* What may change, as it is asked for: rows of a kind, an index and a component. */
-enum {
-  BY_BENDING, BY_TORSIONAL,           /* EI, GJ of a tube */
-  BY_ROTATION, BY_TRANSLATION,        /* of a tube */
-  BY_POSITION, BY_TURN,               /* of the entry point: along an axis of the world, about its own axis */
-  BY_FORCE, BY_MOMENT,                /* of a row of the point loads, a component as it stands there */
-  BY_PLACE,                           /* a point row's arc length, where it has one */
-  BY_SPAN_FORCE, BY_SPAN_MOMENT,      /* of a row of the loads per length */
-  BY_PRECURVATURE,                    /* a table like the robot's coefficients; the component is the tube it is for */
-  KINDS,
-  BY_UNKNOWN, NOTHING,                /* not asked for: unknowns, and lanes to spare */
-};
-
-typedef struct {
-  const int *directions; /* rows of three */
-  int count;
-  const double *tables; /* changes of the robot's coefficients, one behind the other */
-  const int *probes;    /* rows of a point row, which is a place, and a tube */
-  int probe_count;
-} Asked;
-
-/* What is told at unknowns and an actuation; SI. */
-typedef struct {
-  double *residual, *slopes; /* NZ; NZ x columns: unknowns, then directions */
-  double *poses, *rates;     /* of each probe 3 x 4; 6 x columns: position, and turn of the material frame in the world */
-  double *curvatures, *curvature_rates; /* or NULL; of each probe's tube in its material frame: 3; 3 x columns */
-  double *forces, *force_rates;         /* or NULL; of each actuator; TUBES x columns */
-} Answer;
-
+enum { BY_UNKNOWN = DIRECTIONS, NOTHING }; /* not asked for: unknowns, and lanes to spare */
 enum { BLOCK = 8 }; /* lanes side by side */
 
 typedef struct {
@@ -47,8 +19,8 @@ typedef struct {
   int *awake;    /* whether it has a number other than zero */
 } Lanes;
 
-static const double *point_row(const Layout *layout, int k) { return layout->loads->point + (size_t)k * POINT_ROW; }
-static const double *span_row(const Layout *layout, int k) { return layout->loads->span + (size_t)k * SPAN_ROW; }
+static const PointLoad *point_load(const Layout *layout, int k) { return layout->loads->point + k; }
+static const SpanLoad *span_load(const Layout *layout, int k) { return layout->loads->span + k; }
 
 static size_t table_size(const Robot *robot) { return (size_t)robot->pieces[TUBES] * (robot->degree + 1) * 3; }
 
@@ -63,18 +35,21 @@ static Robot with_table(const Lanes *lanes, int table) {
 static int moves(const Layout *layout, const Lane *lane) {
   if (lane->kind == BY_TRANSLATION) return lane->index;
   if (lane->kind != BY_PLACE) return IDLE;
-  return point_mover(point_row(layout, lane->index), lane->index, FIXED);
+  return point_mover(point_load(layout, lane->index), lane->index, FIXED);
 }
 
 /* Where break points coincide and a direction parts them, derivatives have two sides: refused. */
 static int check_direction(const Layout *layout, const Lane *lane) {
   const Loads *loads = layout->loads;
-  const int most[KINDS] = {TUBES, TUBES, TUBES, TUBES, 1, 1, loads->points, loads->points, loads->points, loads->spans,
-                           loads->spans, INT32_MAX};
+  const int most[DIRECTIONS] = {
+      [BY_BENDING] = TUBES, [BY_TORSIONAL] = TUBES, [BY_ROTATION] = TUBES, [BY_TRANSLATION] = TUBES,
+      [BY_POSITION] = 1, [BY_TURN] = 1, [BY_FORCE] = loads->points, [BY_MOMENT] = loads->points,
+      [BY_PLACE] = loads->points, [BY_SPAN_FORCE] = loads->spans, [BY_SPAN_MOMENT] = loads->spans,
+      [BY_PRECURVATURE] = INT32_MAX};
   const int components = lane->kind == BY_PRECURVATURE ? TUBES : 3;
-  if (lane->kind < 0 || lane->kind >= KINDS || lane->index < 0 || lane->index >= most[lane->kind]) return REFUSED;
+  if (lane->kind < 0 || lane->kind >= DIRECTIONS || lane->index < 0 || lane->index >= most[lane->kind]) return REFUSED;
   if (lane->component < 0 || lane->component >= components) return REFUSED;
-  if (lane->kind == BY_PLACE && isnan(point_row(layout, lane->index)[LOAD_S])) return REFUSED;
+  if (lane->kind == BY_PLACE && isnan(point_load(layout, lane->index)->s)) return REFUSED;
   const int mover = moves(layout, lane);
   return mover >= 0 && layout->tied[mover] ? REFUSED : 0;
 }
@@ -110,8 +85,8 @@ static int line_up(const Case *c, const double *z, const Asked *asked, Lanes *la
   int next = 0;
   for (int group = 0; group < 3; group++)
     for (int k = 0; k < n; k++) {
-      const int *row = asked->directions + 3 * (k - NZ);
-      const Lane lane = k < NZ ? (Lane){BY_UNKNOWN, k, 0, k} : (Lane){row[0], row[1], row[2], k};
+      const Direction *of = asked->directions + (k - NZ);
+      const Lane lane = k < NZ ? (Lane){BY_UNKNOWN, k, 0, k} : (Lane){of->kind, of->index, of->component, k};
       if (k >= NZ && check_direction(c->layout, &lane)) return REFUSED;
       if (group_of(lane.kind) != group || !carried(lane.kind)) continue;
       lanes->lane[next++] = lane;
@@ -169,7 +144,7 @@ static void seed_turn(const Case *c, int axis, double *along) {
 static void seed_span(const Case *c, const Lane *lane, double *along) {
   const Layout *layout = c->layout;
   const int *ends = layout->of_span + 2 * lane->index;
-  if (BODY && span_row(layout, lane->index)[SPAN_BODY] != 0.0) return;
+  if (BODY && span_load(layout, lane->index)->frame != 0.0) return;
   along[(AT_FORCE + lane->component) * BLOCK] = (layout->at[ends[1]].s - layout->at[ends[0]].s) / force_scale(layout);
 }
 
@@ -187,7 +162,7 @@ static void seed(const Lanes *lanes, const Lane *lane, double *along) {
     case BY_PLACE: grow_force(c, lane, along); break;
     case BY_TURN: seed_turn(c, lane->component, along); break;
     case BY_FORCE:
-      if (!(BODY && point_row(layout, i)[LOAD_BODY] != 0.0))
+      if (!(BODY && point_load(layout, i)->frame != 0.0))
         along[(AT_FORCE + lane->component) * BLOCK] = 1.0 / force_scale(layout);
       break;
     case BY_SPAN_FORCE: seed_span(c, lane, along); break;

@@ -15,10 +15,9 @@ from ..robot.names import parsed
 from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature
 from ..robot.robot import Robot
 from ..robot.tube import Tube
-from .calls import Questions
+from .abi import By
 
 Row = tuple[int, int, int]
-_KIND = {name: k for k, name in enumerate(Questions.KINDS)}
 _STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 _SOURCES = ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter")
 
@@ -74,7 +73,7 @@ class _Collected:
         """The directions of a parameter."""
         match parsed(name):
             case ("probes", int(k), "arc_length") if k < probes:
-                self.plain("place", [(k, 0)])
+                self.plain(By.PLACE, [(k, 0)])
                 return
         add = _of(name, self.robot, loads)
         if add is None:
@@ -84,14 +83,14 @@ class _Collected:
     def _number(self, parts: Mapping[Row, float]) -> None:
         self.columns.append({self.rows.setdefault(row, len(self.rows)): weight for row, weight in parts.items()})
 
-    def plain(self, kind: str, places: Sequence[tuple[int, int]]) -> None:
+    def plain(self, kind: By, places: Sequence[tuple[int, int]]) -> None:
         """One direction for each number."""
         for place in places:
-            self._number({(_KIND[kind], *place): 1.0})
+            self._number({(kind, *place): 1.0})
 
     def stiffness(self, i: int, bending: float, torsional: float) -> None:
         """A number on which both stiffnesses of a tube depend."""
-        parts = {(_KIND["bending"], i, 0): bending, (_KIND["torsional"], i, 0): torsional}
+        parts = {(By.BENDING, i, 0): bending, (By.TORSIONAL, i, 0): torsional}
         self._number({row: weight for row, weight in parts.items() if weight != 0.0})
 
     def curvature(self, i: int, k: int) -> None:
@@ -105,7 +104,7 @@ class _Collected:
             for r in range(3):
                 table = np.zeros((sum(counts), degree, 3))
                 table[first : first + basis.shape[1], : len(basis), r] = basis.T
-                self._number({(_KIND["precurvature"], len(self.tables), i): 1.0})
+                self._number({(By.PRECURVATURE, len(self.tables), i): 1.0})
                 self.tables.append(table)
 
 
@@ -126,9 +125,9 @@ def _of(name: str, robot: Robot, loads: Sequence[Load]) -> _Added | None:
     tubes, axes = range(len(robot.tubes)), range(3)
     match parsed(name):
         case ("rotations" | "translations" as actuated,):
-            return lambda made, _: made.plain(actuated[:-1], [(i, 0) for i in tubes])
+            return lambda made, _: made.plain(By[actuated[:-1].upper()], [(i, 0) for i in tubes])
         case ("base", "translation" | "rotation" as field):
-            kind = "position" if field == "translation" else "turn"
+            kind = By.POSITION if field == "translation" else By.TURN
             return lambda made, _: made.plain(kind, [(0, r) for r in axes])
         case ("loads", int(j), str(field)) if j < len(loads):
             return _of_load(j, field, loads[j])
@@ -151,17 +150,17 @@ def _of_load(j: int, field: str, load: Load) -> _Added | None:
     if isinstance(load, DistributedLoad) and field in ("force", "moment"):
         if not isinstance(load.force, np.ndarray) or not isinstance(load.moment, np.ndarray):
             return None
-        return lambda made, rows: made.plain(f"span_{field}", [(rows[j], r) for r in range(3)])
+        return lambda made, rows: made.plain(By[f"SPAN_{field.upper()}"], [(rows[j], r) for r in range(3)])
     if isinstance(load, PointWrench) and field in ("force", "moment"):
-        return lambda made, rows: made.plain(field, [(rows[j], r) for r in range(3)])
+        return lambda made, rows: made.plain(By[field.upper()], [(rows[j], r) for r in range(3)])
     if isinstance(load, (PointWrench, PointMass)) and field == "arc_length" and load.arc_length is not None:
-        return lambda made, rows: made.plain("place", [(rows[j], 0)])
+        return lambda made, rows: made.plain(By.PLACE, [(rows[j], 0)])
     return None
 
 
 def _of_tube(tube: Tube, i: int, field: str, loads: Sequence[Load]) -> _Added | None:
     if field in _STIFFNESSES:
-        return lambda made, _: made.plain(field.removesuffix("_stiffness"), [(i, 0)])
+        return lambda made, _: made.plain(By[field.removesuffix("_stiffness").upper()], [(i, 0)])
     heavy = tube.density > 0.0 and any(isinstance(load, Gravity) for load in loads)
     if field not in _SOURCES or (heavy and field.endswith("diameter")) or getattr(tube, field) is None:
         return None

@@ -1,27 +1,7 @@
 /* What Python calls. Every function returns 0 or why it gave up; then the slower way is taken, which tells the user more. */
 
-#if defined(_WIN32)
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
-enum { /* a result: numbers, then blocks */
-  R_ITERATIONS, R_RESIDUAL, R_ERROR, R_STEPS, R_LENGTH, R_REFINEMENTS, R_NEEDED, R_COLD, R_FAR,
-  HEADER = 16,
-  /* The block that a solve may start from: unknowns, their Jacobian and the tip conditions there by RK4, units. */
-  START = NZ + NZ * NZ + NZ + 2,
-};
-
 static const int MOST_REFINEMENTS = 3, MOST_CUTS = 3, FEW = 8; /* FEW: sweeps from nearby */
 static const double SAFETY = 10.0; /* the sum of weighted local errors, so multiplied, bounds the error in all tried */
-
-/* What Python must know to read a result. */
-EXPORT int sizes(int *out) {
-  const int values[] = {NX, NZ, HEADER};
-  memcpy(out, values, sizeof values);
-  return sizeof values / sizeof *values;
-}
 
 /* The layout of a result, its steps halved as often. */
 static int again(const Robot *robot, const Loads *loads, const double *actuation, int refinements, Layout *layout) {
@@ -43,13 +23,13 @@ static int refine(const Case *first, double *z, double *inverse_, const Tangent 
   Case c, halves, coarse = *first;
   Layout *layout = first->layout;
   for (int refinements = 0; refinements <= MOST_REFINEMENTS; refinements++) {
-    const long n = layout->steps, needed = HEADER + START + 2 * n + NX * (2 * n + 1);
+    const long n = layout->steps, needed = RESULT_SIZE(n);
     if (needed > capacity) {
       result[R_NEEDED] = needed;
       return TOO_SMALL;
     }
-    double *out = result + HEADER, *mesh = out + START;
-    Found found = {.iterations = iterations, .right = mesh + 2 * n, .left = mesh + 2 * n + NX * (n + 1)};
+    double *out = result + RESULT_START(n), *jacobian = out + START_JACOBIAN, *mesh = result + RESULT_MESH(n);
+    Found found = {.iterations = iterations, .right = result + RESULT_RIGHT(n), .left = result + RESULT_LEFT(n)};
     memcpy(found.z, z, sizeof found.z);
     int failed = refinements ? 0 : pack(layout, &RK8, &c);
     if (!failed && (refinements || coarse.track.rk != &RK4)) failed = pack(layout, &RK4, &coarse);
@@ -71,7 +51,7 @@ static int refine(const Case *first, double *z, double *inverse_, const Tangent 
       finer = take(sizeof *finer);
       failed = finer ? halve(layout, finer) : NO_MEMORY;
       if (!failed) failed = pack(finer, &RK8, &halves);
-      if (!failed) failed = examine(&c, &halves, z, found.left, out + NZ, &error);
+      if (!failed) failed = examine(&c, &halves, z, found.left, jacobian, &error);
       if (failed) return failed;
     }
     if (error > goal->error) {
@@ -83,13 +63,15 @@ static int refine(const Case *first, double *z, double *inverse_, const Tangent 
     Tangent tangent;
     if (near) shift_to(z, near, &tangent);
     else linearize_at(&coarse, z, &tangent);
-    memcpy(out + NZ, tangent.jacobian, sizeof tangent.jacobian);
-    memcpy(out + NZ + NZ * NZ, tangent.residual, sizeof tangent.residual);
-    const double header[] = {iterations, found.residual, error, n, layout->length, refinements, needed, 0.0, far};
-    memcpy(result, header, sizeof header);
+    memcpy(jacobian, tangent.jacobian, sizeof tangent.jacobian);
+    memcpy(out + START_CONDITIONS, tangent.residual, sizeof tangent.residual);
+    const double head[] = {
+        [R_ITERATIONS] = iterations, [R_RESIDUAL] = found.residual, [R_ERROR] = error, [R_STEPS] = n,
+        [R_LENGTH] = layout->length, [R_REFINEMENTS] = refinements, [R_NEEDED] = needed, [R_COLD] = 0.0, [R_FAR] = far};
+    memcpy(result, head, sizeof head);
     memcpy(out, found.z, sizeof found.z);
-    out[START - 2] = moment_scale(layout);
-    out[START - 1] = force_scale(layout);
+    out[START_UNITS] = moment_scale(layout);
+    out[START_UNITS + 1] = force_scale(layout);
     for (long k = 0; k < n; k++) {
       mesh[2 * k] = layout->step[k].start;
       mesh[2 * k + 1] = layout->step[k].end;
@@ -111,8 +93,8 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
   if (failed) return failed;
   double unit[NZ], before[NZ * NZ], left[NZ], inverse_[NZ * NZ], z[NZ];
   Tangent near;
-  const double *old = start + NZ, *conditions = old + NZ * NZ;
-  const double moment = start[START - 2] / moment_scale(&layout), force = start[START - 1] / force_scale(&layout);
+  const double *old = start + START_JACOBIAN, *conditions = start + START_CONDITIONS, *units = start + START_UNITS;
+  const double moment = units[0] / moment_scale(&layout), force = units[1] / force_scale(&layout);
   for (int i = 0; i < NZ; i++) unit[i] = i < 2 + TUBES ? moment : force;
   for (int i = 0; i < NZ; i++) {
     z[i] = start[i] * unit[i];
@@ -129,7 +111,7 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
   failed = refine(&coarse, z, inverse_, far ? NULL : &near, goal, iterations, far, result, capacity);
   if (failed) return failed;
   const double most = result[R_FAR] != 0.0 ? VERY_REGULAR : REGULAR;
-  return regular_between(before, result + HEADER + NZ, most) ? 0 : PERHAPS_ANOTHER_BRANCH;
+  return regular_between(before, result + RESULT_START(0) + START_JACOBIAN, most) ? 0 : PERHAPS_ANOTHER_BRANCH;
 }
 
 /* From nothing: a coarse integrator follows the path from the straight robot and the fine one finishes; where that is too
@@ -148,7 +130,8 @@ EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation,
     if (!failed) failed = follow(&c, z, jacobian, &iterations);
     if (!failed && inverse(NZ, jacobian, inverse_)) failed = SINGULAR;
     if (!failed) failed = refine(&c, z, inverse_, NULL, goal, iterations, 0, result, capacity);
-    if (!failed && !regular_between(jacobian, result + HEADER + NZ, REGULAR)) failed = PERHAPS_ANOTHER_BRANCH;
+    if (!failed && !regular_between(jacobian, result + RESULT_START(0) + START_JACOBIAN, REGULAR))
+      failed = PERHAPS_ANOTHER_BRANCH;
     if (!failed || failed == TOO_SMALL) break;
   }
   if (!failed) result[R_COLD] = 1.0;
@@ -164,15 +147,15 @@ EXPORT int inspect(const Robot *robot, const Loads *loads, const double *actuati
   if (!failed) failed = halve(&layout, &finer);
   if (!failed) failed = pack(&layout, &RK8, &c);
   if (!failed) failed = pack(&finer, &RK8, &halves);
-  const double *block = result + HEADER, *left = block + START + 2 * layout.steps + NX * (layout.steps + 1);
-  return failed ? failed : examine(&c, &halves, block, left, out, out + NZ * NZ);
+  const double *z = result + RESULT_START(layout.steps), *left = result + RESULT_LEFT(layout.steps);
+  return failed ? failed : examine(&c, &halves, z, left, out, out + NZ * NZ);
 }
 
 /* How many directions lower the potential energy, -1 where that is not told; see stability.h. For loads that have one. */
 EXPORT int stability(const Robot *robot, const Loads *loads, const double *actuation, const double *result, double *margin) {
   empty();
   const int refinements = (int)result[R_REFINEMENTS];
-  const double *right = result + HEADER + START + 2 * (int)result[R_STEPS];
+  const double *right = result + RESULT_RIGHT((int)result[R_STEPS]);
   int found = NOT_TOLD;
   for (int cuts = 0; cuts <= MOST_CUTS && found == NOT_TOLD; cuts++) { /* coarse steps may hide something */
     Layout layout;
@@ -195,7 +178,7 @@ EXPORT int many(const Robot *robot, const Loads *const *loads, const double *act
     failed[k] = start ? warm(robot, loads[k], actuation, start, goal, result, size)
                       : cold(robot, loads[k], actuation, goal, result, size);
     if (chained && failed[k]) return k + 1;
-    if (chained) start = result + HEADER;
+    if (chained) start = result + RESULT_START(0);
   }
   return count;
 }
@@ -222,12 +205,10 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
 /* Residual, predictions and their derivatives at unknowns that need not be those of an equilibrium: see model.h. The steps
    are halved so often. */
 static int model(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
-                 const Asked *asked, double *residual, double *slopes_, double *poses, double *rates_, double *curvatures,
-                 double *curvature_rates, double *forces, double *force_rates) {
+                 const Asked *asked, Answer answer) {
   empty();
   Layout layout;
   double scaled[NZ];
-  Answer answer = {residual, slopes_, poses, rates_, curvatures, curvature_rates, forces, force_rates};
   const int failed = again(robot, loads, actuation, refinements, &layout);
   if (failed) return failed;
   for (int i = 0; i < NZ; i++) scaled[i] = z[i] / unit_of(&layout, i);
@@ -237,17 +218,11 @@ static int model(const Robot *robot, const Loads *loads, const double *actuation
 /* The same for many experiments with as many directions and probes each; `failed` says of each what a single call would
    return. Returns how many failed. */
 EXPORT int models(const Robot *robot, const Loads *const *loads, const double *actuations, const double *z, int count,
-                  int refinements, const Asked *const *asked, double *residual, double *slopes_, double *poses,
-                  double *rates_, double *curvatures, double *curvature_rates, double *forces,
-                  double *force_rates, int *failed) {
+                  int refinements, const Asked *const *asked, const Answer *answers, int *failed) {
   int failures = 0;
   for (int k = 0; k < count; k++) {
-    const size_t columns = NZ + asked[k]->count, probes = asked[k]->probe_count;
-    failed[k] = model(robot, loads[k], actuations + k * 2 * TUBES, z + k * NZ, refinements, asked[k], residual + k * NZ,
-                      slopes_ + k * NZ * columns, poses + k * probes * 12, rates_ + k * probes * 6 * columns,
-                      curvatures ? curvatures + k * probes * 3 : NULL,
-                      curvature_rates ? curvature_rates + k * probes * 3 * columns : NULL,
-                      forces ? forces + k * TUBES : NULL, force_rates ? force_rates + k * TUBES * columns : NULL);
+    const Answer answer = answer_of(answers, k, NZ + asked[k]->count, asked[k]->probe_count);
+    failed[k] = model(robot, loads[k], actuations + k * 2 * TUBES, z + k * NZ, refinements, asked[k], answer);
     failures += failed[k] != 0;
   }
   return failures;
@@ -260,25 +235,24 @@ EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuatio
   enum { COLUMNS = NZ + DERIVED };
   empty();
   Layout layout;
-  double *points = take(sizeof(double) * POINT_ROW * (loads->points + 1)), pose[12];
+  PointLoad *points = take(sizeof(PointLoad) * (loads->points + 1));
   if (!points) return NO_MEMORY;
   const Loads more = {loads->points + 1, loads->spans, points, loads->span};
-  const double row[POINT_ROW] = {NAN, tube}; /* a place without a load */
-  if (loads->points) memcpy(points, loads->point, sizeof(double) * POINT_ROW * loads->points);
-  memcpy(points + POINT_ROW * loads->points, row, sizeof row);
-  int directions_[3 * DERIVED], *next = directions_, failed = again(robot, &more, actuation, refinements, &layout);
+  if (loads->points) memcpy(points, loads->point, sizeof(PointLoad) * loads->points);
+  points[loads->points] = (PointLoad){.s = NAN, .tube = tube}; /* a place without a load */
+  Direction directions_[DERIVED];
+  int failed = again(robot, &more, actuation, refinements, &layout);
   if (failed) return failed;
   if (layout.ends[tube] < layout.length) return REFUSED;
-  for (int k = 0; k < DERIVED; k++, next += 3) {
+  for (int k = 0; k < DERIVED; k++) {
     const int other = k - 2 * TUBES;
-    next[0] = other < 0 ? (k < TUBES ? BY_ROTATION : BY_TRANSLATION) : other < 3 ? BY_FORCE : BY_MOMENT;
-    next[1] = other < 0 ? k % TUBES : loads->points;
-    next[2] = other < 0 ? 0 : other % 3;
+    if (other < 0) directions_[k] = (Direction){k < TUBES ? BY_ROTATION : BY_TRANSLATION, k % TUBES, 0};
+    else directions_[k] = (Direction){other < 3 ? BY_FORCE : BY_MOMENT, loads->points, other % 3};
   }
-  const int probe_[2] = {loads->points, tube};
-  const Asked asked = {directions_, DERIVED, NULL, probe_, 1};
-  double residual[NZ], slopes_[NZ * COLUMNS], rates_[6 * COLUMNS], total[6 * DERIVED];
-  Answer answer = {residual, slopes_, pose, rates_, NULL, NULL, NULL, NULL};
+  const Probe tip_ = {loads->points, tube};
+  const Asked asked = {.directions = directions_, .count = DERIVED, .probes = &tip_, .probe_count = 1};
+  double residual[NZ], slopes_[NZ * COLUMNS], pose[12], rates_[6 * COLUMNS], total[6 * DERIVED];
+  Answer answer = {.residual = residual, .slopes = slopes_, .poses = pose, .rates = rates_};
   failed = evaluate(&layout, z, &asked, &answer);
   if (!failed) failed = total_rates(6, DERIVED, slopes_, rates_, total);
   for (int r = 0; r < 6 && !failed; r++) {

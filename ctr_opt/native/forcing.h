@@ -21,11 +21,11 @@ static int covers(const Layout *layout, int span, int step) {
 
 /* Where a component of a load per length stands among the data, and its unit. */
 static int span_datum(const Layout *layout, const Lane *lane, double *unit) {
-  const double *row = span_row(layout, lane->index);
-  const int tube = 3 * (int)row[SPAN_TUBE], moment = lane->kind == BY_SPAN_MOMENT;
+  const SpanLoad *load = span_load(layout, lane->index);
+  const int tube = 3 * (int)load->tube, moment = lane->kind == BY_SPAN_MOMENT;
   *unit = layout->length / (moment ? moment_scale(layout) : force_scale(layout));
 #if BODY
-  if (row[SPAN_BODY] != 0.0) return (moment ? DATA_BODY_MOMENT : DATA_BODY_FORCE) + tube + lane->component;
+  if (load->frame != 0.0) return (moment ? DATA_BODY_MOMENT : DATA_BODY_FORCE) + tube + lane->component;
 #endif
   return (moment ? DATA_MOMENT + tube : DATA_FORCE) + lane->component;
 }
@@ -130,17 +130,17 @@ static void carry_block(Lanes *lanes, int b, int step, const double *linear) {
 /* What a change of the load itself does to the state behind it, which is linear in it. */
 static void change_load(const Lanes *lanes, const Lane *lane, const double *x, double *along) {
   const Layout *layout = lanes->c->layout;
-  double row[POINT_ROW], unit[POINT] = {0}, plain[NX];
-  memcpy(row, point_row(layout, lane->index), sizeof row);
-  memset(row + LOAD_FORCE, 0, sizeof(double) * 6);
-  row[(lane->kind == BY_FORCE ? LOAD_FORCE : LOAD_MOMENT) + lane->component] = 1.0;
-  add_point(layout, row, unit);
+  const PointLoad *load = point_load(layout, lane->index);
+  PointLoad one = {.tube = load->tube, .frame = load->frame};
+  double unit[POINT] = {0}, plain[NX];
+  (lane->kind == BY_FORCE ? one.force : one.moment)[lane->component] = 1.0;
+  add_point(layout, &one, unit);
   behind(x, unit, plain);
   for (int r = 0; r < NX; r++) along[r * BLOCK] += plain[r] - x[r];
 }
 
 /* The tube on whose end a point load rides, or FIXED. */
-static int rider(const double *row) { return isnan(row[LOAD_S]) ? (int)row[LOAD_TUBE] : FIXED; }
+static int rider(const PointLoad *load) { return isnan(load->s) ? (int)load->tube : FIXED; }
 
 enum { ALL = -2 };
 
@@ -158,7 +158,7 @@ static void jump_lanes(Lanes *lanes, int at, int rides, const double *point, dou
     for (int l = 0; l < BLOCK; l++) {
       const Lane *lane = lanes->lane + b * BLOCK + l;
       if ((lane->kind != BY_FORCE && lane->kind != BY_MOMENT) || lanes->c->layout->of_point[lane->index] != at) continue;
-      if (rides != ALL && rider(point_row(lanes->c->layout, lane->index)) != rides) continue;
+      if (rides != ALL && rider(point_load(lanes->c->layout, lane->index)) != rides) continue;
       change_load(lanes, lane, x, along + l);
       lanes->awake[b] = 1;
     }

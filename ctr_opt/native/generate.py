@@ -29,6 +29,7 @@ from ..transcription.integrators import runge_kutta
 from ..transcription.second_variation import second_variation_functions
 from ..transcription.shooting import shooting_functions
 from ..transcription.stability import MARGIN
+from . import abi
 
 _DRIVER = (
     "trigonometry.h",
@@ -393,7 +394,7 @@ def library_source(tubes: int, kind: LoadKind) -> str:
     parts = {name: native.joinpath(name).read_text(encoding="utf-8") for name in _DRIVER}
     generated = [model.constants(), _CIRCLE, auxiliary]
     generated += [routine.source(body) for routine, body in zip(routines, bodies, strict=True)]
-    generated += [model.products(), _tableaus()]
+    generated += [model.products(), _tableaus(), abi.Sizes.of(tubes, kind).results(), abi.declarations()]
     head = parts.pop("trigonometry.h")
     return "\n".join((head, *generated, *parts.values()))
 

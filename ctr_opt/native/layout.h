@@ -1,23 +1,5 @@
 /* From robot, actuation and loads to break points, sections and steps. SI throughout. */
 
-typedef struct {
-  const double *bending, *torsional; /* EI, GJ of each tube */
-  const int *pieces;                 /* TUBES + 1: where each tube's pieces of precurvature begin */
-  int degree;
-  const double *breaks;              /* arc lengths of the pieces' ends from the tube's base; tube i's from pieces[i] + i */
-  const double *coefficients;        /* (degree + 1) x 3 of each piece, powers of the length from its beginning */
-  const double *position, *orientation; /* of the entry point; a quaternion */
-} Robot;
-
-/* Rows of numbers; an arc length of NaN rides on the tube's end. `body`: in the tube's frame. */
-enum { LOAD_S, LOAD_TUBE, LOAD_BODY, LOAD_FORCE, LOAD_MOMENT = LOAD_FORCE + 3, POINT_ROW = LOAD_MOMENT + 3 };
-enum { SPAN_START, SPAN_END, SPAN_TUBE, SPAN_BODY, SPAN_FORCE, SPAN_MOMENT = SPAN_FORCE + 3, SPAN_ROW = SPAN_MOMENT + 3 };
-
-typedef struct {
-  int points, spans;
-  const double *point, *span;
-} Loads;
-
 /* What moves a break point: a tube, i; the arc length of a point load, TUBES + k; nothing. A point row of zeros breaks no
    step, so that it may lie wherever it likes: it is IDLE. */
 enum { IDLE = -2, FIXED = -1 };
@@ -45,8 +27,6 @@ typedef struct {
   Step *step;
   int *last; /* of each break point: the step that ends there */
 } Layout;
-
-enum { REFUSED = 1, NO_MEMORY, TOO_SMALL };
 
 /* -- memory: one arena for each thread, emptied by every call and freed when the thread ends ---------------------------- */
 
@@ -173,9 +153,9 @@ static int place(const Layout *layout, double s, double index, Break *found) {
 }
 
 /* A point row rides on a tube's end, is idle, or moves with its own arc length. */
-static int point_mover(const double *row, int k, int mover) {
+static int point_mover(const PointLoad *load, int k, int mover) {
   if (mover != FIXED) return mover;
-  return largest(2 * 3, row + LOAD_FORCE) == 0.0 ? IDLE : TUBES + k;
+  return largest(3, load->force) == 0.0 && largest(3, load->moment) == 0.0 ? IDLE : TUBES + k;
 }
 
 /* Another mover at a break point. */
@@ -209,15 +189,14 @@ static int sort_breaks(Layout *layout) {
       if (s >= -slack) all[count++] = (Break){fmax(s, 0.0), i};
     }
   for (int k = 0; k < loads->points; k++) {
-    const double *row = loads->point + (size_t)k * POINT_ROW;
-    if (place(layout, row[LOAD_S], row[LOAD_TUBE], all + count)) return REFUSED;
-    all[count].mover = point_mover(row, k, all[count].mover);
+    const PointLoad *load = loads->point + k;
+    if (place(layout, load->s, load->tube, all + count)) return REFUSED;
+    all[count].mover = point_mover(load, k, all[count].mover);
     count++;
   }
   for (int k = 0; k < loads->spans; k++) {
-    const double *row = loads->span + (size_t)k * SPAN_ROW;
     for (int side = 0; side < 2; side++)
-      if (place(layout, row[SPAN_START + side], row[SPAN_TUBE], all + count++)) return REFUSED;
+      if (place(layout, loads->span[k].ends[side], loads->span[k].tube, all + count++)) return REFUSED;
     if (!(all[count - 1].s > all[count - 2].s)) return REFUSED;
   }
   qsort(all, count, sizeof *all, by_arc_length);
@@ -232,14 +211,12 @@ static int sort_breaks(Layout *layout) {
   layout->at[layout->breaks - 1].s = layout->length;
   for (int i = 0; i < TUBES; i++) layout->ends[i] = layout->at[nearest(layout, layout->ends[i])].s;
   for (int k = 0; k < loads->points; k++) {
-    const double *row = loads->point + (size_t)k * POINT_ROW;
-    const double s = row[LOAD_S];
-    layout->of_point[k] = nearest(layout, isnan(s) ? layout->ends[(int)row[LOAD_TUBE]] : s);
+    const PointLoad *load = loads->point + k;
+    layout->of_point[k] = nearest(layout, isnan(load->s) ? layout->ends[(int)load->tube] : load->s);
   }
   for (int k = 0; k < 2 * loads->spans; k++) {
-    const double *row = loads->span + (size_t)(k / 2) * SPAN_ROW;
-    const double s = row[SPAN_START + k % 2];
-    layout->of_span[k] = nearest(layout, isnan(s) ? layout->ends[(int)row[SPAN_TUBE]] : s);
+    const double s = loads->span[k / 2].ends[k % 2];
+    layout->of_span[k] = nearest(layout, isnan(s) ? layout->ends[(int)loads->span[k / 2].tube] : s);
   }
   return 0;
 }
@@ -276,16 +253,14 @@ static int steps_of(Layout *layout, int *parts, double *turns) {
   double *couples = forces + layout->breaks;
   memset(forces, 0, sizeof(double) * 2 * layout->breaks);
   for (int p = 0; p < loads->points; p++) {
-    const double *row = loads->point + (size_t)p * POINT_ROW;
-    forces[layout->of_point[p]] += size3(row + LOAD_FORCE);
-    couples[layout->of_point[p]] += size3(row + LOAD_MOMENT);
+    forces[layout->of_point[p]] += size3(loads->point[p].force);
+    couples[layout->of_point[p]] += size3(loads->point[p].moment);
   }
   for (int p = 0; p < loads->spans; p++) {
-    const double *row = loads->span + (size_t)p * SPAN_ROW;
     const int from = layout->of_span[2 * p], to = layout->of_span[2 * p + 1];
     const double length = layout->at[to].s - layout->at[from].s;
-    forces[to] += length * size3(row + SPAN_FORCE);
-    couples[to] += length * size3(row + SPAN_MOMENT);
+    forces[to] += length * size3(loads->span[p].force);
+    couples[to] += length * size3(loads->span[p].moment);
   }
   double total = 0.0, force = 0.0, couple = 0.0, lever = 0.0;
   for (int k = layout->breaks - 2; k >= 0; k--) {

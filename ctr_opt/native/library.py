@@ -35,21 +35,21 @@ class Library:
         """The library, waited for; raises ``CompilationError`` where there is none."""
         if self._native is None:
             text = partial(library_source, *self._arguments)
-            self._native = Native(compilation.load(self._name, text, content(*self._arguments)))
+            self._native = Native(compilation.load(self._name, text, content(*self._arguments)), *self._arguments)
         return self._native
 
     def _look(self) -> None:
         self._asked += 1
         if self._asked == 1:
             found = compilation.kept(self._name, content(*self._arguments))
-            self._native = None if found is None else Native(found)
+            self._native = None if found is None else Native(found, *self._arguments)
         elif self._asked == _ENOUGH and compilation.compiler() is not None:
             text = library_source(*self._arguments)  # here and not in the thread: CasADi's symbols are of one thread
             self._build = compilation.start(self._name, lambda: text, content(*self._arguments))
         elif self._build is not None and self._build.ready():
             library = self._build.result()
             assert library is not None
-            self._native, self._build = Native(library), None
+            self._native, self._build = Native(library, *self._arguments), None
 
 
 @cache

@@ -37,8 +37,7 @@ static void scatter(const Lanes *lanes, int b, int rows, const double *from, dou
 
 /* By how much more a probe moves along the robot than the break point that stands for it. */
 static double slides(const Layout *layout, const Lane *lane, int point) {
-  const double s = point_row(layout, point)[LOAD_S];
-  const int rides = isnan(s) ? (int)point_row(layout, point)[LOAD_TUBE] : -1, mover = moves(layout, lane);
+  const int rides = rider(point_load(layout, point)), mover = moves(layout, lane);
   const int own = rides >= 0 ? lane->kind == BY_TRANSLATION && lane->index == rides
                              : lane->kind == BY_PLACE && lane->index == point;
   return (double)own - (mover >= 0 && layout->at[layout->of_point[point]].mover == mover);
@@ -67,7 +66,7 @@ static void slide(const Lanes *lanes, int b, int point, const double *rate, doub
 static void probe(const Lanes *lanes, int k, int step, const double *x, Answer *answer) {
   const Case *c = lanes->c;
   const Layout *layout = c->layout;
-  const int point = lanes->asked->probes[2 * k], tube = lanes->asked->probes[2 * k + 1];
+  const int point = lanes->asked->probes[k].point, tube = lanes->asked->probes[k].tube;
   double rate[NX], by_parts[INNER_BY_DATA], outer[OUTER_BY_DATA], after[NX], out[6 * BLOCK], moved[NX * BLOCK];
   pose_of(layout, x, tube, answer->poses + 12 * (size_t)k);
   memcpy(after, x, sizeof after);
@@ -83,7 +82,7 @@ static void probe(const Lanes *lanes, int k, int step, const double *x, Answer *
 static void probe_all(const Lanes *lanes, int step, const double *x, Answer *answer) {
   const Layout *layout = lanes->c->layout;
   for (int k = 0; k < lanes->asked->probe_count; k++)
-    if (layout->last[layout->of_point[lanes->asked->probes[2 * k]]] == step) probe(lanes, k, step, x, answer);
+    if (layout->last[layout->of_point[lanes->asked->probes[k].point]] == step) probe(lanes, k, step, x, answer);
 }
 
 /* The precurvatures that a probe passes by as it moves along the robot. */
@@ -99,7 +98,7 @@ static void pass_by(const Lanes *lanes, int b, int point, const double *shift, d
 static void bend(const Lanes *lanes, int k, int step, int node, const double *x, Answer *answer) {
   const Case *c = lanes->c;
   const Layout *layout = c->layout;
-  const int point = lanes->asked->probes[2 * k], tube = lanes->asked->probes[2 * k + 1];
+  const int point = lanes->asked->probes[k].point, tube = lanes->asked->probes[k].tube;
   const double *shift = c->shift + ((size_t)step * c->track.rk->stages + node) * 3 * TUBES, unit = 1.0 / layout->length;
   const double along_x = cos(x[AT_ANGLES + tube]), along_y = sin(x[AT_ANGLES + tube]);
   double rate[NX], by_parts[INNER_BY_DATA], outer[OUTER_BY_DATA], frame[9], turn_rows[BEHIND_INNER], u[3];
@@ -137,8 +136,8 @@ static void bend_all(const Lanes *lanes, int at, int ended, const double *x, Ans
   const Layout *layout = lanes->c->layout;
   const int before = layout->last[at];
   for (int k = 0; k < lanes->asked->probe_count && answer->curvatures; k++) {
-    const int *row = lanes->asked->probes + 2 * k;
-    if (layout->of_point[row[0]] != at || (at > 0 && layout->at[at].s >= layout->ends[row[1]]) != ended) continue;
+    const Probe of = lanes->asked->probes[k];
+    if (layout->of_point[of.point] != at || (at > 0 && layout->at[at].s >= layout->ends[of.tube]) != ended) continue;
     if (ended) bend(lanes, k, before, last_node(lanes->c->track.rk), x, answer);
     else bend(lanes, k, before + 1, 0, x, answer);
   }
@@ -146,7 +145,7 @@ static void bend_all(const Lanes *lanes, int at, int ended, const double *x, Ans
 
 static int check_probes(const Layout *layout, const Asked *asked) {
   for (int k = 0; k < asked->probe_count; k++) {
-    const int point = asked->probes[2 * k], tube = asked->probes[2 * k + 1];
+    const int point = asked->probes[k].point, tube = asked->probes[k].tube;
     if (point < 0 || point >= layout->loads->points || tube < 0 || tube >= TUBES) return REFUSED;
     if (layout->at[layout->of_point[point]].s > layout->ends[tube]) return REFUSED;
   }
@@ -168,11 +167,12 @@ static void tip(const Lanes *lanes, const double *x, Answer *answer) {
 /* Directions that are not carried along: they move all positions alike. */
 static void move_all(const Lanes *lanes, Answer *answer) {
   for (int k = 0; k < lanes->asked->count; k++) {
-    const int *row = lanes->asked->directions + 3 * k, column = NZ + k;
-    if (carried(row[0])) continue;
+    const Direction *of = lanes->asked->directions + k;
+    const int column = NZ + k;
+    if (carried(of->kind)) continue;
     for (int i = 0; i < NZ; i++) answer->slopes[(size_t)i * lanes->columns + column] = 0.0;
     for (int p = 0; p < lanes->asked->probe_count; p++) {
-      for (int r = 0; r < 6; r++) answer->rates[(6 * (size_t)p + r) * lanes->columns + column] = r == row[2];
+      for (int r = 0; r < 6; r++) answer->rates[(6 * (size_t)p + r) * lanes->columns + column] = r == of->component;
       for (int r = 0; r < 3 && answer->curvature_rates; r++)
         answer->curvature_rates[(3 * (size_t)p + r) * lanes->columns + column] = 0.0;
     }

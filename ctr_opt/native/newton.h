@@ -1,11 +1,5 @@
 /* Newton's method and continuation, never silent: each returns 0 only where it converged. */
 
-enum { DIVERGED = 10, SINGULAR, PERHAPS_ANOTHER_BRANCH, INACCURATE, PATH_ENDED };
-
-typedef struct {
-  double error, residual; /* to be met: of positions over the length, and of the scaled tip conditions */
-} Goal;
-
 static const double CONTRACTION = 0.5, MOST_INVERSE = 1e4;
 static const double REGULAR = 0.6, VERY_REGULAR = 0.2; /* the latter after steps that are long for an old Jacobian */
 static const double SMALL_PART = 0.1; /* of the error allowed is what a solve may leave of the correction */

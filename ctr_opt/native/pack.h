@@ -21,11 +21,11 @@ static void add3(double *to, const double *of, double factor) {
 }
 
 /* A point load into the layout of point data: force, the tubes' moments, then the same in the tubes' frames. */
-static void add_point(const Layout *layout, const double *row, double *to) {
-  const int tube = (int)row[LOAD_TUBE], body = BODY && row[LOAD_BODY] != 0.0;
+static void add_point(const Layout *layout, const PointLoad *load, double *to) {
+  const int tube = (int)load->tube, body = BODY && load->frame != 0.0;
   const double force = 1.0 / force_scale(layout), moment = 1.0 / moment_scale(layout);
-  add3(body ? to + 3 + 3 * TUBES + 3 * tube : to, row + LOAD_FORCE, force);
-  add3(body ? to + 3 + 6 * TUBES + 3 * tube : to + 3 + 3 * tube, row + LOAD_MOMENT, moment);
+  add3(body ? to + 3 + 3 * TUBES + 3 * tube : to, load->force, force);
+  add3(body ? to + 3 + 6 * TUBES + 3 * tube : to + 3 + 3 * tube, load->moment, moment);
 }
 
 static void fill_tubes(Case *c, int k) {
@@ -64,15 +64,15 @@ static void fill_tubes(Case *c, int k) {
 }
 
 /* A constant load per length; the same at all nodes of the step. */
-static void fill_span(Case *c, int k, const double *row) {
+static void fill_span(Case *c, int k, const SpanLoad *load) {
   const Layout *layout = c->layout;
   const Tableau *rk = c->track.rk;
-  const int tube = (int)row[SPAN_TUBE];
+  const int tube = (int)load->tube;
   double *column = c->columns + (size_t)k * column_size(rk);
   const double force = layout->length / force_scale(layout), moment = layout->length / moment_scale(layout);
   int forces = part_start(rk, PART_FORCE), moments = part_start(rk, PART_MOMENT) + 3 * tube, every = 3;
 #if BODY
-  if (row[SPAN_BODY] != 0.0) {
+  if (load->frame != 0.0) {
     forces = part_start(rk, PART_BODY_FORCE) + 3 * tube;
     moments = part_start(rk, PART_BODY_MOMENT) + 3 * tube;
     every = 3 * TUBES;
@@ -80,8 +80,8 @@ static void fill_span(Case *c, int k, const double *row) {
 #endif
   c->flags[k] |= DISTRIBUTED;
   for (int j = 0; j < rk->stages; j++) {
-    add3(column + forces + every * j, row + SPAN_FORCE, force);
-    add3(column + moments + 3 * TUBES * j, row + SPAN_MOMENT, moment);
+    add3(column + forces + every * j, load->force, force);
+    add3(column + moments + 3 * TUBES * j, load->moment, moment);
   }
 }
 
@@ -119,13 +119,13 @@ static int pack(Layout *layout, const Tableau *rk, Case *c) {
   for (int k = 0; k < n; k++) fill_tubes(c, k);
   for (int span = 0; span < layout->loads->spans; span++)
     for (int k = layout->last[layout->of_span[2 * span]] + 1; k <= layout->last[layout->of_span[2 * span + 1]]; k++)
-      fill_span(c, k, layout->loads->span + (size_t)span * SPAN_ROW);
+      fill_span(c, k, layout->loads->span + span);
   for (int p = 0; p < layout->loads->points; p++) {
-    const double *row = layout->loads->point + (size_t)p * POINT_ROW;
+    const PointLoad *load = layout->loads->point + p;
     const int k = layout->last[layout->of_point[p]];
-    add_point(layout, row, k < 0 ? c->start : c->columns + (size_t)(k + 1) * size - POINT);
+    add_point(layout, load, k < 0 ? c->start : c->columns + (size_t)(k + 1) * size - POINT);
     if (k >= 0) c->flags[k] |= LOADED;
-    if (!(BODY && row[LOAD_BODY] != 0.0)) add3(c->force, row + LOAD_FORCE, 1.0 / force_scale(layout));
+    if (!(BODY && load->frame != 0.0)) add3(c->force, load->force, 1.0 / force_scale(layout));
   }
   const int force = part_start(rk, PART_FORCE);
   for (int k = 0; k < n; k++)

@@ -21,7 +21,8 @@ from ..loads.wrenches import Load
 from ..robot.actuation import Actuation
 from ..robot.names import chosen, parameters, parsed
 from ..robot.robot import Robot
-from .calls import LoadRows, Questions, RobotTable
+from .abi import ANSWER
+from .calls import Answer, LoadRows, Questions, RobotTable
 from .directions import Directions, supported
 from .library import library
 
@@ -38,6 +39,8 @@ class Probe:
     arc_length: float | None = None
     tube: int | None = None
 
+
+_CURVATURES, _FORCES = ("curvatures", "curvature_rates"), ("forces", "force_rates")  # told where asked for
 
 Experiment: TypeAlias = tuple[Actuation, Sequence[Load]]
 
@@ -121,7 +124,7 @@ class Predictions:
         self.robot, self.refinements = robot, index(refinements, "refinements")
         body = any(getattr(load, "frame", "world") == "body" for _, loads in experiments for load in loads)
         self._native = library(len(robot.tubes), body).built()
-        self.unknowns = self._native.unknowns
+        self.unknowns = self._native.sizes.unknowns
         self._table = RobotTable(robot)
         every = zip(experiments, _each(probes, experiments), strict=True)
         places = [_places(robot, actuation, own) for (actuation, _), own in every]
@@ -195,26 +198,20 @@ class Predictions:
             raise DefinitionError("forces: compiled code tells them of precurvatures that are constant piece by piece")
         count, probes, directions = self._sizes
         z = np.ascontiguousarray(array(unknowns, "unknowns", (count, self.unknowns)))
-        columns, tubes = self.unknowns + directions, len(self.robot.tubes)
-        residual, slopes = np.empty((count, self.unknowns)), np.empty((count, self.unknowns, columns))
-        poses, rates = np.empty((count, probes, 3, 4)), np.empty((count, probes, 6, columns))
-        bends, bend_rates = (np.empty((count, probes, 3, *x)) if curvatures else None for x in ((), (columns,)))
-        pushes, push_rates = (np.empty((count, tubes, *x)) if forces else None for x in ((), (columns,)))
+        sizes = {"unknowns": self.unknowns, "columns": self.unknowns + directions, "probes": probes}
+        left_out = [*([] if curvatures else _CURVATURES), *([] if forces else _FORCES)]
+        answer = Answer(count, sizes | {"tubes": len(self.robot.tubes)}, left_out)
         failed = np.empty(count, dtype=np.intc)
         case = (self._table.address, self._addresses.ctypes.data, self._actuations.ctypes.data, z.ctypes.data, count)
-        every = (residual, slopes, poses, rates, bends, bend_rates, pushes, push_rates)
-        out = [None if each is None else each.ctypes.data for each in every]
-        if self._native.models(*case, self.refinements, self._questions.addresses, *out, failed.ctypes.data):
-            for each in every:
-                if each is not None:
-                    each[failed != 0] = np.nan
-        slopes, rates = self._combined(slopes), self._combined(rates)
-        more = [None if each is None else self._combined(each) for each in (bend_rates, push_rates)]
-        return Predicted(residual, slopes, poses, rates, failed, bends, more[0], pushes, more[1])
+        questions = (self.refinements, self._questions.addresses)
+        if self._native.models(*case, *questions, answer.address, failed.ctypes.data):
+            for numbers in answer.numbers.values():
+                numbers[failed != 0] = np.nan
+        return Predicted(failed=failed, **{name: self._combined(name, x) for name, x in answer.numbers.items()})
 
-    def _combined(self, rates: Array) -> Array:
+    def _combined(self, name: str, rates: Array) -> Array:
         """From derivatives by directions to those by parameters."""
-        if self._plain:
+        if self._plain or ANSWER[name][-1] != "columns":
             return rates
         return np.concatenate((rates[..., : self.unknowns], rates[..., self.unknowns :] @ self._combination), axis=-1)
 

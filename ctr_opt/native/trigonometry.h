@@ -12,6 +12,11 @@
 
 static const double LARGEST_ANGLE = 1e6; /* of a tube at the entry, rad */
 
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
 #define casadi_real double
 #define INLINE static inline __attribute__((always_inline))
 

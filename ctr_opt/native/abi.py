@@ -1,0 +1,289 @@
+"""What Python and the compiled solver agree on, stated once: structures, enumerations, functions, results.
+
+The declarations below are what Python calls with; :func:`declarations` and :func:`results` write the C text from the
+same declarations. A definition in ``driver.c`` that differs from its prototype here does not compile, and sizes and
+offsets are compared when a library is loaded.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from enum import IntEnum
+from functools import cache, cached_property
+from itertools import accumulate
+from typing import Any
+
+import attrs
+
+from ..mechanics.boundary import tip_rows
+from ..mechanics.fields import LoadKind
+from ..mechanics.state import State, slices
+
+_INT, _DOUBLE = ctypes.c_int, ctypes.c_double
+DOUBLES, INTS, ROOM = ctypes.POINTER(_DOUBLE), ctypes.POINTER(_INT), ctypes.c_void_p
+_VECTOR = _DOUBLE * 3
+
+
+class Robot(ctypes.Structure):
+    """The tubes one behind the other, SI."""
+
+    _fields_ = (
+        ("bending", DOUBLES),  # EI of each tube
+        ("torsional", DOUBLES),  # GJ of each tube
+        ("pieces", INTS),  # TUBES + 1: where each tube's pieces of precurvature begin
+        ("degree", _INT),
+        ("breaks", DOUBLES),  # arc lengths of the pieces' ends from the tube's base; tube i's from pieces[i] + i
+        ("coefficients", DOUBLES),  # (degree + 1) x 3 of each piece, powers of the length from its beginning
+        ("position", DOUBLES),  # of the entry point
+        ("orientation", DOUBLES),  # of the entry point, a quaternion
+    )
+
+
+class PointLoad(ctypes.Structure):
+    """A force and a moment at a place; one of zeros breaks no step: a place alone.
+
+    An arc length of NaN rides on the tube's end. A ``frame`` other than zero is the tube's, zero is the world's.
+    """
+
+    _fields_ = (("s", _DOUBLE), ("tube", _DOUBLE), ("frame", _DOUBLE), ("force", _VECTOR), ("moment", _VECTOR))
+
+
+class SpanLoad(ctypes.Structure):
+    """A force and a moment per length; ends and frame as those of a :class:`PointLoad`."""
+
+    _fields_ = (
+        *(("ends", _DOUBLE * 2), ("tube", _DOUBLE), ("frame", _DOUBLE)),
+        *(("force", _VECTOR), ("moment", _VECTOR)),
+    )
+
+
+class Loads(ctypes.Structure):
+    """Rows of point loads and of loads per length."""
+
+    _fields_ = (
+        *(("points", _INT), ("spans", _INT)),
+        *(("point", ctypes.POINTER(PointLoad)), ("span", ctypes.POINTER(SpanLoad))),
+    )
+
+
+class Direction(ctypes.Structure):
+    """What may change: a kind (:class:`By`), whose it is, and a component."""
+
+    _fields_ = (("kind", _INT), ("index", _INT), ("component", _INT))
+
+
+class Probe(ctypes.Structure):
+    """Where something is predicted: at the place of a row of the point loads, of a tube."""
+
+    _fields_ = (("point", _INT), ("tube", _INT))
+
+
+class Asked(ctypes.Structure):
+    """What is asked of the model in one experiment."""
+
+    _fields_ = (
+        ("directions", ctypes.POINTER(Direction)),
+        ("count", _INT),
+        ("tables", DOUBLES),  # changes of the robot's coefficients, one behind the other
+        ("probes", ctypes.POINTER(Probe)),
+        ("probe_count", _INT),
+    )
+
+
+class Goal(ctypes.Structure):
+    """What a solve must meet: error of positions over the length, and scaled tip conditions."""
+
+    _fields_ = (("error", _DOUBLE), ("residual", _DOUBLE))
+
+
+ANSWER: Mapping[str, tuple[str | int, ...]] = {
+    "residual": ("unknowns",),
+    "slopes": ("unknowns", "columns"),
+    "poses": ("probes", 3, 4),
+    "rates": ("probes", 6, "columns"),
+    "curvatures": ("probes", 3),
+    "curvature_rates": ("probes", 3, "columns"),
+    "forces": ("tubes",),
+    "force_rates": ("tubes", "columns"),
+}
+"""What the model says of an experiment, SI: by name, its shape; ``columns``: by unknowns, then by directions."""
+
+
+class Answer(ctypes.Structure):
+    """Room for the :data:`ANSWER` of experiments one behind the other, or NULL for what is not wanted."""
+
+    _fields_ = tuple((name, ROOM) for name in ANSWER)
+
+
+class By(IntEnum):
+    """Kinds of directions of change, and what their index and component say."""
+
+    BENDING = 0  # EI of a tube
+    TORSIONAL = 1  # GJ of a tube
+    ROTATION = 2  # of a tube
+    TRANSLATION = 3  # of a tube
+    POSITION = 4  # of the entry point, along an axis of the world
+    TURN = 5  # of the entry point, about its own axis
+    FORCE = 6  # of a row of the point loads, a component as it stands there
+    MOMENT = 7
+    PLACE = 8  # the arc length of a point load that has one
+    SPAN_FORCE = 9  # of a row of the loads per length
+    SPAN_MOMENT = 10
+    PRECURVATURE = 11  # a table like the robot's coefficients; the component is the tube it is for
+
+
+class Failure(IntEnum):
+    """Why a function gave up; it returns 0 otherwise."""
+
+    REFUSED = 1
+    NO_MEMORY = 2
+    TOO_SMALL = 3  # the room for the result: Head.NEEDED is what it takes
+    DIVERGED = 10
+    SINGULAR = 11
+    PERHAPS_ANOTHER_BRANCH = 12
+    INACCURATE = 13
+    PATH_ENDED = 14
+
+
+class Head(IntEnum):
+    """The numbers that a result begins with."""
+
+    ITERATIONS = 0
+    RESIDUAL = 1
+    ERROR = 2  # of positions over the length; negative where it is only known to be below
+    STEPS = 3
+    LENGTH = 4
+    REFINEMENTS = 5
+    NEEDED = 6
+    COLD = 7
+    FAR = 8  # the start was so far away that Broyden's method failed or was slow
+
+
+_STRUCTS = (Robot, PointLoad, SpanLoad, Loads, Direction, Probe, Asked, Goal, Answer)
+_ENUMS = {"BY_": By, "": Failure, "R_": Head}
+_HEAD = 16  # numbers in front of a result's blocks
+_CASE = "const Robot *robot, const Loads *loads, const double *actuation"
+_CASES = "const Robot *robot, const Loads *const *loads, const double *actuations"
+FUNCTIONS = {
+    "warm": f"{_CASE}, const double *start, const Goal *goal, double *result, long capacity",
+    "cold": f"{_CASE}, const Goal *goal, double *result, long capacity",
+    "many": f"{_CASES}, int count, const double *first, int chained, const Goal *goal, double *results, long size, "
+    "int *failed",
+    "derive": f"{_CASE}, const double *z, int refinements, int tube, double *jacobian, double *compliance",
+    "models": f"{_CASES}, const double *z, int count, int refinements, const Asked *const *asked, "
+    "const Answer *answers, int *failed",
+    "stability": f"{_CASE}, const double *result, double *margin",
+    "inspect": f"{_CASE}, const double *result, double *out",
+    "integrate": f"{_CASE}, const double *z, int repeats, int derivative, double *tip",
+}
+"""The exported functions, with their arguments in C."""
+
+
+def columns(struct: type[ctypes.Structure]) -> dict[str, slice]:
+    """Where the fields of a structure of doubles stand in a row of numbers."""
+    width = ctypes.sizeof(_DOUBLE)
+    parts = {str(name): getattr(struct, str(name)) for name, *_ in struct._fields_}
+    return {name: slice(at.offset // width, (at.offset + at.size) // width) for name, at in parts.items()}
+
+
+@cache
+def _kinds(struct: Any) -> dict[str, Any]:
+    return {str(name): kind for name, kind, *_ in struct._fields_}
+
+
+def filled(struct: Any, **values: Any) -> Any:
+    """A structure whose pointers are those of arrays, which the caller keeps alive."""
+    kinds = _kinds(struct)
+    pointers = {name: value.ctypes.data_as(kinds[name]) for name, value in values.items() if hasattr(value, "ctypes")}
+    return struct(**(values | pointers))
+
+
+def arguments(function: str) -> list[Any]:
+    """The ``ctypes`` of a function's arguments: every pointer is an address."""
+    whole = {"int": _INT, "long": ctypes.c_long}
+    return [ROOM if "*" in each else whole[each.split()[0]] for each in FUNCTIONS[function].split(", ")]
+
+
+@attrs.frozen
+class Sizes:
+    """Sizes of states and results of a library, ``NX`` and ``NZ`` in C."""
+
+    states: int
+    unknowns: int
+
+    @classmethod
+    def of(cls, tubes: int, kind: LoadKind) -> Sizes:
+        """Those of a number of tubes and a kind of loads."""
+        return cls(State.size(tubes), len(tip_rows(tubes, kind.live)))
+
+    @cached_property
+    def start(self) -> dict[str, slice]:
+        """What a solve may start from: unknowns, their Jacobian and the tip conditions there by RK4, units."""
+        k = self.unknowns
+        return slices({"unknowns": k, "jacobian": k * k, "conditions": k, "units": 2})
+
+    @cached_property
+    def _blocks(self) -> dict[str, tuple[int, int]]:
+        """Where the blocks of a result begin: ``a + b steps`` numbers; states behind and before the loads at nodes."""
+        start, n = self.start["units"].stop, self.states
+        sizes = {"head": (_HEAD, 0), "start": (start, 0), "mesh": (0, 2), "right": (n, n), "left": (0, n)}
+        ends = accumulate(sizes.values(), lambda a, b: (a[0] + b[0], a[1] + b[1]), initial=(0, 0))
+        return dict(zip((*sizes, "size"), ends, strict=True))
+
+    def at(self, block: str, steps: int) -> int:
+        """Where a block begins in the result of a solve with this many steps; ``"size"``: where the result ends."""
+        fixed, each = self._blocks[block]
+        return fixed + each * steps
+
+    def results(self) -> str:
+        """C text: where the blocks of results begin, and the parts of ``start``."""
+        parts = {f"START_{name.upper()}": part.start for name, part in self.start.items()}
+        rows = [f"#define RESULT_{name.upper()}(n) ({a} + {b} * (n))\n" for name, (a, b) in self._blocks.items()]
+        return "".join(rows) + _enum(parts)
+
+    @property
+    def expected(self) -> list[int]:
+        """What the library's ``sizes`` writes."""
+        fields = [(struct, str(name)) for struct in _STRUCTS for name, *_ in struct._fields_]
+        offsets = [getattr(struct, name).offset for struct, name in fields]
+        return [self.states, self.unknowns, self.at("size", 1), *map(ctypes.sizeof, _STRUCTS), *offsets]
+
+
+def declarations() -> str:
+    """C text: structures, enumerations and prototypes."""
+    parts = [_struct(struct) for struct in _STRUCTS]
+    parts += [_enum({f"{prefix}{each.name}": each.value for each in table}) for prefix, table in _ENUMS.items()]
+    parts += [f"enum {{ DIRECTIONS = {len(By)} }};\n", *(f"EXPORT int {n}({a});\n" for n, a in FUNCTIONS.items())]
+    fields = [f"offsetof({each.__name__}, {name})" for each in _STRUCTS for name, *_ in each._fields_]
+    values = ["NX", "NZ", "RESULT_SIZE(1)", *(f"sizeof({each.__name__})" for each in _STRUCTS), *fields]
+    parts.append(f"EXPORT void sizes(int *out) {{\n  const int values[] = {{{', '.join(values)}}};\n")
+    return "".join(parts) + "  memcpy(out, values, sizeof values);\n}\n" + _answer_of()
+
+
+def _struct(struct: type[ctypes.Structure]) -> str:
+    fields = "".join(f"  {_declared(kind, str(name))};\n" for name, kind, *_ in struct._fields_)
+    return f"typedef struct {{\n{fields}}} {struct.__name__};\n"
+
+
+def _declared(kind: Any, name: str) -> str:
+    """A C declaration."""
+    if kind is ROOM:
+        return f"double *{name}"
+    if issubclass(kind, ctypes.Array):
+        return _declared(kind._type_, f"{name}[{kind._length_}]")
+    if hasattr(kind, "contents"):
+        return f"const {_declared(kind._type_, f'*{name}')}"
+    return f"{ {_INT: 'int', _DOUBLE: 'double'}.get(kind, kind.__name__) } {name}"
+
+
+def _enum(values: Mapping[str, int]) -> str:
+    return f"enum {{ {', '.join(f'{name} = {value}' for name, value in values.items())} }};\n"
+
+
+def _answer_of() -> str:
+    """C text: the room for the k-th experiment's answer."""
+    sizes = {name: " * ".join(map(str, shape)) for name, shape in ANSWER.items()}
+    rows = [f"    all->{name} ? all->{name} + k * {size} : NULL,\n" for name, size in sizes.items()]
+    head = "static Answer answer_of(const Answer *all, size_t k, size_t columns, size_t probes) {\n"
+    return head + "  const size_t unknowns = NZ, tubes = TUBES;\n  return (Answer){\n" + "".join(rows) + "  };\n}\n"
