@@ -51,10 +51,10 @@ def test_the_code_of_the_transcriptions_runs():
 
 @pytest.mark.usefixtures("compiling")
 def test_the_code_of_the_calibration_runs(capsys):
-    (code,) = blocks("docs/calibration.md", "python")
     scope = {}
-    exec(code, scope)
+    exec("".join(blocks("docs/calibration.md", "python")), scope)
     assert "sum of distances" in capsys.readouterr().out
+    assert abs(scope["touch"].force).max() < 1e-6  # N: from a tip that nothing pushed
     assert scope["calibrated"].tubes[0].bending_stiffness == scope["fit"].values["tubes[0].bending_stiffness"]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from ..checks import Array
 from ..errors import EstimationError
 from ..estimation.measurements import Somewhere, arc_length_of
+from ..robot.actuation import Actuation
 from ..robot.names import symbol
 from ..robot.robot import Robot
 from .estimation import Estimation, Linearized
+from .homes import Homes
 from .reduced import Found
 from .uncertainty import (
     VAGUE,
@@ -191,14 +193,62 @@ class Fit:
             no obstacle.
         """
         unknowns = self._estimation.unknowns
-        own = {label for entry in unknowns.entries if entry.of_robot for label in entry.labels}
-        open_ones = [str(each) for each in self.undetermined if own & set(each.parts)]
+        self._check_determined("robot", [label for e in unknowns.entries if e.of_robot for label in e.labels])
+        return unknowns.robot_at(self.found.x)
+
+    @cached_property
+    def homes(self) -> Homes:
+        """The estimated offsets of the joints.
+
+        Raises
+        ------
+        EstimationError
+            The data do not determine them.
+        """
+        homes = self._estimation.unknowns.homes_at(self.found.x)
+        self._check_determined("homes of the joints", homes.names)
+        return homes
+
+    def actuation(self, rotations: Any, translations: Any) -> Actuation:
+        """The actuation of the calibrated robot at joints as they are read: with the estimated homes added.
+
+        A force estimate with ``fit=`` accepts no other if ``"tubes[i].rotation_offset"`` or
+        ``"tubes[i].translation_offset"`` were estimated.
+
+        Parameters
+        ----------
+        rotations, translations
+            One for each tube, rad and m, as in the experiments of the fit.
+
+        Raises
+        ------
+        DefinitionError
+            With its home, a tube's base is in front of the entry point.
+        EstimationError
+            The data do not determine the homes.
+
+        Examples
+        --------
+        A rod whose rotation reads 0.1 rad too little:
+
+        >>> import ctr_opt as ctr
+        >>> rod = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> tip = ctr.ForwardProblem(ctr.Robot([rod])).solve(ctr.Actuation([0.6], [0.0])).tip_position
+        >>> seen = ctr.PositionMeasurement(None, tip, sigma=1e-4)
+        >>> experiments = [ctr.Experiment(ctr.Actuation([0.5], [0.0]), [], [seen])]
+        >>> fit = ctr.CalibrationProblem(ctr.Robot([rod]), experiments, ["tubes[0].rotation_offset"]).solve()
+        >>> fit.actuation([0.5], [0.0]).rotations.round(6).tolist()
+        [0.6]
+        """
+        return self.homes.actuation(rotations, translations)
+
+    def _check_determined(self, what: str, labels: Iterable[str]) -> None:
+        open_ones = [str(each) for each in self.undetermined if not each.parts.keys().isdisjoint(labels)]
         if open_ones:
             raise EstimationError(
-                f"the data do not determine the robot: {'; '.join(open_ones)}. Add measurements "
+                f"the data do not determine the {what}: {'; '.join(open_ones)}. Add measurements "
                 "under load, priors, or estimate fewer parameters"
             )
-        return unknowns.robot_at(self.found.x)
 
     @cached_property
     def equilibria(self) -> list[Equilibrium]:

@@ -62,6 +62,12 @@ def errors_without(fit: Fit, experiments: Sequence[int] | int) -> list[Residual]
 def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
     """The same estimates beside other experiments."""
     _check_shared(fit)
+    homes = fit.estimation.unknowns.homes_at(fit.found.x)
+    for k, experiment in enumerate(experiments):
+        if homes.within(experiment.actuation):
+            raise DefinitionError(
+                f"experiments[{k}]: its actuation already has the homes that the fit adds: give the joints as read"
+            )
     others = fit.estimation.of(experiments)
     states = others.states(fit.found.x, others.equilibria_of(fit.found.x, whose))
     return Fit(others, attrs.evolve(fit.found, states=states), fit.method)

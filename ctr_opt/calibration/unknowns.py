@@ -17,6 +17,7 @@ from ..robot.actuation import Actuation
 from ..robot.names import Parameter as RobotParameter
 from ..robot.names import chosen, loads_with, parameters, parsed, robot_with, shown
 from ..robot.robot import Robot
+from .homes import Homes
 
 _OFF_ROBOT = ("rotations", "translations", "sensors")  # what acts on actuations, or on what sensors show
 
@@ -209,17 +210,26 @@ class Unknowns:
         if not self.moves_experiments:
             return actuation, loads
         rotations, translations = np.array(actuation.rotations), np.array(actuation.translations)
-        own = self._raw(x, k)
-        rotations = own.pop("rotations", rotations) + self._offsets(x, "rotation")
-        translations = own.pop("translations", translations) + self._offsets(x, "translation")
+        own, (turned, shifted) = self._raw(x, k), self.homes_at(x).offsets
+        rotations = own.pop("rotations", rotations) + turned
+        translations = own.pop("translations", translations) + shifted
         return Actuation(rotations, np.minimum(translations, 0.0)), loads_with(loads, own)
 
-    def _offsets(self, x: Array, kind: str) -> Array:
-        offsets = np.zeros(len(self.robot.tubes))
-        for entry in self.entries:
-            if entry.experiment is None and entry.holder == f"{kind}s":
-                offsets[_indexed(entry.acts_on[0])[1]] += x[self.parts[entry.name]][0]
-        return offsets
+    def homes_at(self, x: Array) -> Homes:
+        """Homes of the joints with these values."""
+        names, numbers, where = self._homes
+        offsets = np.zeros((2, len(self.robot.tubes)))
+        offsets[where] = x[numbers]
+        return Homes(names, offsets)
+
+    @cached_property
+    def _homes(self) -> tuple[tuple[str, ...], list[int], tuple[list[int], list[int]]]:
+        """Names of the offsets of joints, their numbers, and which rotations (0) or translations (1) they move."""
+        offsets = [e for e in self.entries if e.experiment is None and e.holder in ("rotations", "translations")]
+        kinds = [int(entry.holder == "translations") for entry in offsets]
+        tubes = [_indexed(entry.acts_on[0])[1] for entry in offsets]
+        names = tuple(entry.name for entry in offsets)
+        return names, [self.parts[name].start for name in names], (kinds, tubes)
 
     def _raw(self, x: Array, experiment: int | None) -> dict[str, Any]:
         values: dict[str, Any] = {}

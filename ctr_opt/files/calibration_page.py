@@ -14,6 +14,7 @@ from ..calibration.report import angle_errors, place_of, point_errors, points_by
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
 from ..forward.problem import ForwardProblem
+from ..robot.actuation import Actuation
 from ..robot.names import symbol
 from ..robot.robot import Robot
 from .calibration import Calibration, Check
@@ -237,29 +238,28 @@ def _undetermined(loss: str, fit: Fit) -> list[str]:
 # -- checks ------------------------------------------------------------------------------------------------------------
 
 
-def check_error(robot: Robot, check: Check) -> tuple[float, float]:
+def check_error(robot: Robot, actuation: Actuation, check: Check) -> tuple[float, float]:
     """Distance of a predicted tip from the measured one, m, and over the arc length."""
-    shape = ForwardProblem(robot).solve(check.problem.actuation, check.problem.loads)
+    shape = ForwardProblem(robot).solve(actuation, check.problem.loads)
     error = float(np.linalg.norm(shape.tip_position - check.tip_position))
     return error, error / shape.length
+
+
+def _cell(robot: Robot, actuation: Actuation, check: Check) -> str:
+    error, share = check_error(robot, actuation, check)
+    return f"{1e3 * error:.2f} ({share:.2%})"
 
 
 def _checks(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
     rows = []
     for check in calibration.checks:
-        robots: list[Robot | None] = [calibration.robot]
+        joints = check.problem.actuation
+        cells = [_cell(calibration.robot, joints, check)]
         for fit in fits.values():
             try:
-                robots.append(fit.robot)
+                cells.append(_cell(fit.robot, fit.actuation(joints.rotations, joints.translations), check))
             except EstimationError:
-                robots.append(None)
-        cells = []
-        for robot in robots:
-            if robot is None:
                 cells.append("not determined")
-                continue
-            error, share = check_error(robot, check)
-            cells.append(f"{1e3 * error:.2f} ({share:.2%})")
         rows.append([check.problem.title, *cells])
     return _table(["tip error [mm] (of the length)", "nominal", *(LOSS_NAMES[loss] for loss in fits)], rows)
 

@@ -126,7 +126,7 @@ class ForceEstimationProblem:
         Parameters
         ----------
         actuation
-            Of the robot when it was measured.
+            Of the robot when it was measured; if the fit estimated homes of the joints, by ``fit.actuation``.
         measurements
             Any mix, each with its ``sigma``.
         loads
@@ -138,11 +138,15 @@ class ForceEstimationProblem:
 
         Raises
         ------
+        DefinitionError
+            The fit estimated homes of the joints, and the actuation does not have them.
         EstimationError
             No loads were found: what was tried, how far it got and what to do.
         """
         experiment = experiment_of(self.robot, actuation, measurements, loads)
         errors = Errors.of(self.robot, experiment, fit, self._actuation_sigma)
+        if fit is not None:
+            fit.homes.check(experiment.actuation)
         found = [self._estimate(experiment, errors, unknown, initial) for unknown in self._options]
         estimates = [each for each in found if each is not None]
         if not estimates:

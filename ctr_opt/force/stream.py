@@ -137,6 +137,7 @@ class ForceEstimator:
         self.counts: Counter[str] = Counter()
         self._numbered = Numbered.of(_followed(self._problem.unknown), 0)
         self._errors = self._problem.errors(fit)
+        self._homes = None if fit is None else fit.homes
         scale = extent(robot, self._numbered, np.array([tube.length for tube in robot.tubes]))[0]
         walk = np.append(_drift(drift, self._numbered) / scale, np.zeros(self._errors.count))
         self._loads = len(scale)
@@ -156,7 +157,7 @@ class ForceEstimator:
         Parameters
         ----------
         actuation
-            Of the robot when it was measured.
+            Of the robot when it was measured; if the fit estimated homes of the joints, by ``fit.actuation``.
         measurements
             Any mix, each with its ``sigma``; None or an empty list: the sample was dropped.
         time
@@ -167,10 +168,12 @@ class ForceEstimator:
         Raises
         ------
         DefinitionError
-            A wrong call: another robot's actuation, a measurement beyond the tip, a time that is no number. The
-            estimator is as it was before.
+            A wrong call: another robot's actuation, or one without the homes of the fit, a measurement beyond the
+            tip, a time that is no number. The estimator is as it was before.
         """
         time = self._time(time)
+        if self._homes is not None:
+            self._homes.check(actuation)
         case = self._case(actuation, measurements, loads)
         sample = None
         if case is None:

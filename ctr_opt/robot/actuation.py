@@ -29,6 +29,9 @@ class Actuation:
     translations
         ``beta_i = -D_i``, m, one for each tube: the arc length at which the base of tube ``i`` is held;
         ``<= 0``, as the actuators grasp the tubes behind the entry point ``s = 0``.
+    read
+        Set by :meth:`Fit.actuation <ctr_opt.Fit.actuation>` alone: rotations and translations as they were read,
+        ``(2, n)``, before the homes of the joints were added. Not compared.
 
     Examples
     --------
@@ -38,6 +41,7 @@ class Actuation:
 
     rotations: Array = attrs.field(converter=_angles, eq=ARRAY_EQ, hash=False)
     translations: Array = attrs.field(converter=_shifts, eq=ARRAY_EQ, hash=False)
+    read: Array | None = attrs.field(default=None, eq=False, repr=False, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
         if len(self.rotations) != len(self.translations):
