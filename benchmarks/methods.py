@@ -131,7 +131,7 @@ def linearized(shooting, z):
 
 def native(problem, start, repeats, derivative=False):
     """Integrations by compiled code, so many in a call, on the mesh rule of its solves; what it fills comes second."""
-    compiled = problem._by_compiled_code(start.loads)
+    compiled = problem.solver.compiled_for(start.loads)
     rows, inputs = compiled._inputs(start.actuation, start.loads)
     found = np.zeros(compiled.native.sizes.states)
     case = (compiled._address, rows.address, inputs, start.start, repeats, derivative, found.ctypes.data)
@@ -170,7 +170,7 @@ def package(name, compiled):
     def python(work):
         """Warm solves whose compiled part returns at once."""
         problem, start = started(work)
-        fast = problem._by_compiled_code(work.loads)
+        fast = problem.solver.compiled_for(work.loads)
         fast.native = copy(fast.native)
         fast.native.warm = lambda *_: 0
         return Prepared([lambda t=target: problem.solve(t, work.loads, initial=start) for target in work.targets])

@@ -42,7 +42,7 @@ from .force.problem import ForceEstimationProblem
 from .force.stream import ForceEstimator
 from .force.streamed import StreamedForce
 from .force.unknown import PointForce, TipForce, TipWrench
-from .forward.batch import Batch
+from .forward.batch.result import Batch
 from .forward.equilibrium import BaseMoments, Equilibrium
 from .forward.problem import ForwardProblem
 from .kinematics.limits import JointLimits

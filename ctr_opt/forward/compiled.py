@@ -46,9 +46,7 @@ class CompiledProblem:
         self._goal = ctypes.addressof(self._tolerances)
         self._mine = threading.local()
 
-    def solve(
-        self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium | None
-    ) -> CompiledEquilibrium | None:
+    def solve(self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium | None) -> Equilibrium | None:
         """An equilibrium from another one, or from nothing."""
         begin = perf_counter()
         start = None if initial is None else self._start(initial)
@@ -161,7 +159,7 @@ class CompiledBatch:
         self._addresses = np.array([tables[id(each)].address for each in loads], dtype=np.uintp)
         self._numbers, self._failed = np.empty((count, size)), np.empty(count, dtype=np.intc)
 
-    def solve(self, first: int, before: Equilibrium | None, chained: bool) -> list[CompiledEquilibrium | None]:
+    def solve(self, first: int, before: Equilibrium | None, chained: bool) -> list[Equilibrium | None]:
         """The equilibria of the rows from ``first`` on, up to one that must take the slower way: None.
 
         Rows that are not ``chained`` are all there, with None for each that must take the slower way. So must a chain's
@@ -178,7 +176,7 @@ class CompiledBatch:
         done = problem.native.many(*case, start, chained, goal, address, size, failed.ctypes.data)
         seconds, tubes = (perf_counter() - begin) / max(done, 1), actuations.shape[1] // 2
         cold, lost = numbers[:done, Head.COLD].tolist(), failed[:done].tolist()
-        found: list[CompiledEquilibrium | None] = []
+        found: list[Equilibrium | None] = []
         for k, row in enumerate(actuations[:done]):
             actuation, loads = (row[:tubes], row[tubes:]), self._loads[first + k]
             each = CompiledEquilibrium(problem, actuation, loads, numbers[k], address + 8 * size * k, seconds)

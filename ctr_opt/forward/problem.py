@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..checks import array, choice, flag, number
-from ..errors import DefinitionError, SolveError
+from ..checks import array, flag
+from ..errors import DefinitionError
 from ..layout.configuration import Configuration
-from ..loads.wrenches import LOADS, Load
-from ..native.library import library
+from ..loads.wrenches import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
-from ..solvers.ipopt import Ipopt
 from ..solvers.status import SolveStatus
-from ..transcription.integrators import INTEGRATORS
-from ..transcription.schemes import Collocation, MultipleShooting, Transcription
-from .batch import Batch, rows_of_actuations, rows_of_loads
-from .compiled import CompiledProblem
+from ..transcription.schemes import Transcription
+from .batch.result import Batch
+from .batch.solve import solve_rows
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .function import forward_map
-from .settings import METHOD_NAMES, METHODS, Method, Settings
-from .ways import Run
+from .settings import Method, Settings
+from .solver import ForwardSolver, as_loads
 
 
 class ForwardProblem:
@@ -83,25 +80,11 @@ class ForwardProblem:
         if not isinstance(robot, Robot):
             raise DefinitionError(f"robot = {robot!r} must be a Robot")
         self.robot = robot
-        if not isinstance(transcription, (Collocation, MultipleShooting, type(None))):
-            raise DefinitionError(f"transcription = {transcription!r} must be a Collocation or a MultipleShooting")
-        formulation, method = _method(formulation, method, transcription)
-        self.settings = Settings(
-            formulation,
-            method,
-            number(tolerance, "tolerance", least=1e-11, most=1e-2),
-            choice(integrator, "integrator", INTEGRATORS),
-            transcription or Collocation(),
-        )
+        self.settings = Settings.of(formulation, method, tolerance, integrator, transcription)
         self.compiled = compiled if compiled is None else flag(compiled, "compiled")
-        self._requested = False
-        self._compilable = self.compiled is not False and self.settings.compilable
-        self._compiled: dict[bool, CompiledProblem] = {}
+        self.solver = ForwardSolver(robot, self.settings, self.compiled)
         if self.compiled:
             self.compile()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_compiled": {}}  # libraries are of this process
 
     def compile(self) -> None:
         """Compile the solver for robots with as many tubes, unless it was before; seconds the first time on a machine.
@@ -115,30 +98,12 @@ class ForwardProblem:
         CompilationError
             There is no compiler, or it failed.
         """
-        library(len(self.robot.tubes), False).built()
-        self._requested = True
+        self.solver.compile()
 
     @property
     def compiles(self) -> bool:
         """Whether there is compiled code for free robots, or for loads that it knows."""
-        return self._by_compiled_code(()) is not None
-
-    def _by_compiled_code(self, loads: Iterable[Load]) -> CompiledProblem | None:
-        """The compiled solver for such loads; None where it is not there, or not wanted."""
-        if not self._compilable:
-            return None
-        body = False
-        for load in loads:
-            if getattr(load, "frame", None) == "body":
-                body = True
-        problem = self._compiled.get(body)
-        if problem is None:
-            kept = library(len(self.robot.tubes), body)
-            native = kept.built() if self._requested else kept.ready()
-            if native is None:
-                return None
-            problem = self._compiled[body] = CompiledProblem(self.robot, self.settings, native)
-        return problem
+        return self.solver.compiled_for(()) is not None
 
     def solve(
         self,
@@ -168,30 +133,14 @@ class ForwardProblem:
         SolveError
             No equilibrium was found: what was tried, how far it got, what to do; ``.result`` is the failed result.
         """
-        loads = as_loads(loads)
-        if initial is not None:
-            _check_initial(initial, self.robot)
-        fast = self._by_compiled_code(loads)
-        if fast is not None and isinstance(actuation, Actuation) and len(actuation.rotations) == len(self.robot.tubes):
-            found = fast.solve(actuation, loads, initial)
-            if found is not None:
-                return found
-        configuration = self.check(actuation, loads)
-        result = Run(self.settings, configuration).solve(initial)
-        if throw and not result.converged:
-            raise SolveError(result.message, result)
-        return result
+        return self.solver.solve(actuation, as_loads(loads), initial, throw)
 
     def neighbour(self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium) -> Equilibrium | None:
         """The equilibrium next to ``initial`` on the same branch, or None where that is in doubt.
 
         As :meth:`solve`, but where compiled code knows the loads no slower way is tried: take a shorter step then.
         """
-        fast = self._by_compiled_code(loads)
-        if fast is not None and fast.knows(loads):
-            return fast.solve(actuation, loads, initial)
-        found = Run(self.settings, self.check(actuation, loads)).solve(initial)
-        return found if found.converged else None
+        return self.solver.neighbour(actuation, loads, initial)
 
     def solve_many(
         self,
@@ -212,8 +161,9 @@ class ForwardProblem:
         initial
             An equilibrium to start the first row from; default: a cold start.
         chained
-            Each row starts from the one before, as along a path of the robot (cold where that fails). ``False``: every
-            row starts from ``initial``, or from nothing, whatever the others are.
+            Each row continues the branch of the one before, as along a path of the robot. Where the branch ends, the
+            row is solved cold and marked in :attr:`Batch.snapped <ctr_opt.Batch.snapped>`. ``False``: every row starts
+            from ``initial``, or from nothing, whatever the others are.
 
         Raises
         ------
@@ -226,35 +176,9 @@ class ForwardProblem:
         >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
         >>> turned = (np.linspace(0.0, 1.0, 5)[:, None], np.zeros((5, 1)))
         >>> ctr.ForwardProblem(ctr.Robot([tube])).solve_many(turned)
-        <Batch of 5 equilibria, 0 failed>
+        <Batch of 5 equilibria, 0 failed, 0 snapped>
         """
-        rows, objects = rows_of_actuations(actuations, len(self.robot.tubes))
-        every = rows_of_loads(loads, len(rows))
-        if initial is not None:
-            _check_initial(initial, self.robot)
-        fast = self._by_compiled_code(load for each in every for load in each)
-        batch = None if fast is None else fast.batch(rows, every)
-        found: list[Equilibrium] = []
-        tubes, before = len(self.robot.tubes), initial
-        while len(found) < len(rows):
-            some = [None] if batch is None else batch.solve(len(found), before, chained)
-            for result in some:
-                k = len(found)
-                if result is None:
-                    actuation = Actuation(rows[k, :tubes], rows[k, tubes:]) if objects is None else objects[k]
-                    found.append(self._solve_row(actuation, every[k], before))
-                else:
-                    found.append(result)
-                if chained and found[k].converged:
-                    before = found[k]
-        return Batch(found)
-
-    def _solve_row(self, actuation: Actuation, loads: tuple[Load, ...], before: Equilibrium | None) -> Equilibrium:
-        if before is not None:
-            found = self.solve(actuation, loads, before, throw=False)
-            if found.converged:
-                return found
-        return self.solve(actuation, loads, throw=False)
+        return solve_rows(self.solver, actuations, loads, initial, chained)
 
     def check(self, actuation: Actuation, loads: Sequence[Load] = ()) -> Configuration:
         """Check actuation and loads without solving; returns them as numbers along the arc length.
@@ -264,10 +188,7 @@ class ForwardProblem:
         DefinitionError
             As :meth:`solve`.
         """
-        configuration = Configuration(self.robot, actuation, as_loads(loads))
-        if self.settings.formulation == "energy":
-            _refuse_nonconservative(configuration)
-        return configuration
+        return self.solver.configuration(actuation, as_loads(loads))
 
     def function(
         self,
@@ -355,51 +276,3 @@ class ForwardProblem:
             array(np.zeros(tubes) if torsional is None else torsional, "torsional", (tubes,), unit="N m"),
         )
         return Equilibrium(configuration, base, Outcome(SolveStatus.GUESS, "guess", "this is a guess, not a solution"))
-
-
-def _method(formulation: Any, method: Any, transcription: Transcription | None) -> tuple[str, Method]:
-    """Formulation and method, each given or following from the other."""
-    allowed = METHODS[choice(formulation, "formulation", tuple(METHODS))]
-    if isinstance(method, str):
-        method = METHOD_NAMES[choice(method, "method", tuple(METHOD_NAMES))]()
-    if method is None:
-        by_default = Ipopt if formulation == "equilibrium" and transcription is not None else allowed[0]
-        return formulation, by_default()
-    if formulation == "automatic" and not isinstance(method, allowed):
-        formulation = next((name for name, kinds in METHODS.items() if isinstance(method, kinds)), formulation)
-        allowed = METHODS[formulation]
-    if not isinstance(method, allowed):
-        names = " or ".join(kind.__name__ for kind in allowed)
-        raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")
-    if formulation == "equilibrium" and transcription is not None and not isinstance(method, Ipopt):
-        raise DefinitionError(
-            f"transcription = {transcription!r} needs method = Ipopt(...): {type(method).__name__} shoots"
-        )
-    return formulation, method
-
-
-def _refuse_nonconservative(configuration: Configuration) -> None:
-    """The energy formulation takes loads that have a potential."""
-    if configuration.without_potential:
-        raise DefinitionError(
-            f"{configuration.without_potential}: formulation = 'energy' takes conservative loads only; "
-            "use formulation = 'automatic' or 'equilibrium'"
-        )
-
-
-def as_loads(loads: Any) -> tuple[Load, ...]:
-    """A list of loads as a tuple."""
-    if isinstance(loads, LOADS):
-        raise DefinitionError(f"loads = {loads!r} must be a list of loads, like loads=[...]")
-    try:
-        return tuple(loads)
-    except TypeError:
-        raise DefinitionError(f"loads = {loads!r} must be a list of loads") from None
-
-
-def _check_initial(initial: Any, robot: Robot) -> None:
-    if not isinstance(initial, Equilibrium):
-        raise DefinitionError(f"initial = {initial!r} must be an Equilibrium")
-    tubes = len(initial.robot.tubes)
-    if tubes != len(robot.tubes):
-        raise DefinitionError(f"initial is of a robot with {tubes} tubes, but this one has {len(robot.tubes)}")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import attrs
 
+from ..checks import choice, number
+from ..errors import DefinitionError
 from ..solvers.homotopy import Homotopy
 from ..solvers.ipopt import Ipopt
 from ..solvers.newton import Newton
-from ..transcription.schemes import Transcription
+from ..transcription.integrators import INTEGRATORS
+from ..transcription.schemes import Collocation, MultipleShooting, Transcription
 
 Method: TypeAlias = Newton | Homotopy | Ipopt
 METHODS: dict[str, tuple[type[Newton] | type[Homotopy] | type[Ipopt], ...]] = {
@@ -26,13 +29,27 @@ METHOD_NAMES: dict[str, type[Newton] | type[Homotopy] | type[Ipopt]] = {
 
 @attrs.frozen
 class Settings:
-    """What a :class:`~ctr_opt.ForwardProblem` was told."""
+    """How a :class:`~ctr_opt.ForwardProblem` solves."""
 
     formulation: str
     method: Method
     tolerance: float
     integrator: str
     transcription: Transcription
+
+    @classmethod
+    def of(
+        cls, formulation: Any, method: Any, tolerance: Any, integrator: Any, transcription: Transcription | None
+    ) -> Settings:
+        """The arguments of a :class:`~ctr_opt.ForwardProblem`, checked."""
+        if not isinstance(transcription, (Collocation, MultipleShooting, type(None))):
+            raise DefinitionError(f"transcription = {transcription!r} must be a Collocation or a MultipleShooting")
+        return cls(
+            *_method(formulation, method, transcription),
+            number(tolerance, "tolerance", least=1e-11, most=1e-2),
+            choice(integrator, "integrator", INTEGRATORS),
+            transcription or Collocation(),
+        )
 
     @property
     def residual_tolerance(self) -> float:
@@ -58,3 +75,24 @@ class Settings:
     def compilable(self) -> bool:
         """Whether the compiled solver does what these settings say."""
         return self.formulation != "energy" and self.integrator == "RK8" and self.method == Homotopy()
+
+
+def _method(formulation: Any, method: Any, transcription: Transcription | None) -> tuple[str, Method]:
+    """Formulation and method, each given or following from the other."""
+    allowed = METHODS[choice(formulation, "formulation", tuple(METHODS))]
+    if isinstance(method, str):
+        method = METHOD_NAMES[choice(method, "method", tuple(METHOD_NAMES))]()
+    if method is None:
+        by_default = Ipopt if formulation == "equilibrium" and transcription is not None else allowed[0]
+        return formulation, by_default()
+    if formulation == "automatic" and not isinstance(method, allowed):
+        formulation = next((name for name, kinds in METHODS.items() if isinstance(method, kinds)), formulation)
+        allowed = METHODS[formulation]
+    if not isinstance(method, allowed):
+        names = " or ".join(kind.__name__ for kind in allowed)
+        raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")
+    if formulation == "equilibrium" and transcription is not None and not isinstance(method, Ipopt):
+        raise DefinitionError(
+            f"transcription = {transcription!r} needs method = Ipopt(...): {type(method).__name__} shoots"
+        )
+    return formulation, method

@@ -11,9 +11,10 @@ import numpy as np
 
 from ..checks import Array, array, choice, flag, number
 from ..errors import CompilationError, DefinitionError, SolveError
-from ..forward.batch import rows_of_loads
+from ..forward.batch.rows import rows_of_loads
 from ..forward.equilibrium import Equilibrium
-from ..forward.problem import ForwardProblem, as_loads
+from ..forward.problem import ForwardProblem
+from ..forward.solver import as_loads
 from ..loads.wrenches import LOADS, Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot

@@ -308,7 +308,7 @@ def test_failed_rows_are_marked_and_stop_nothing(compiled):
     assert np.isnan(batch.tip_position[1]).all()
     assert np.isfinite(batch.tip_pose[[0, 2]]).all()
     assert "bifurcation" in batch[1].message
-    assert repr(batch) == "<Batch of 3 equilibria, 1 failed>"
+    assert repr(batch) == "<Batch of 3 equilibria, 1 failed, 0 snapped>"
     with pytest.raises(ctr.SolveError):
         _ = batch[1].tip_position
 

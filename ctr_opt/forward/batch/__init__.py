@@ -1,0 +1,1 @@
+"""Many forward solves in one call."""

@@ -1,0 +1,85 @@
+"""Rows of actuations and loads, solved one after the other; what leaves its branch is marked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ...loads.wrenches import Load
+from ...robot.actuation import Actuation
+from ...solvers.homotopy import Homotopy, family_of, regular_between
+from ...solvers.ipopt import Ipopt
+from ..equilibrium import Equilibrium
+from ..solver import ForwardSolver, check_initial
+from .result import Batch
+from .rows import rows_of_actuations, rows_of_loads
+
+_SAME = 1e-3  # of the dimensionless unknowns: equilibria so near, with a regular Jacobian between them, are one
+
+
+def solve_rows(
+    solver: ForwardSolver,
+    actuations: Sequence[Actuation] | tuple[Any, Any],
+    loads: Sequence[Any],
+    initial: Equilibrium | None,
+    chained: bool,
+) -> Batch:
+    """The rows' results; see :meth:`ForwardProblem.solve_many <ctr_opt.ForwardProblem.solve_many>`."""
+    tubes = len(solver.robot.tubes)
+    rows, objects = rows_of_actuations(actuations, tubes)
+    rows_loads = rows_of_loads(loads, len(rows))
+    if initial is not None:
+        check_initial(initial, solver.robot)
+    fast = solver.compiled_for(load for row in rows_loads for load in row)
+    batch = None if fast is None else fast.batch(rows, rows_loads)
+    results: list[Equilibrium] = []
+    snapped, before = np.zeros(len(rows), dtype=bool), initial
+    while len(results) < len(rows):
+        for result in [None] if batch is None else batch.solve(len(results), before, chained):
+            k = len(results)
+            if result is None:
+                actuation = Actuation(rows[k, :tubes], rows[k, tubes:]) if objects is None else objects[k]
+                result, left = _solve_row(solver, actuation, rows_loads[k], before)
+                snapped[k] = left and chained
+            results.append(result)
+            if chained and result.converged:
+                before = result
+    return Batch(results, snapped)
+
+
+def _solve_row(
+    solver: ForwardSolver, actuation: Actuation, loads: tuple[Load, ...], before: Equilibrium | None
+) -> tuple[Equilibrium, bool]:
+    """The equilibrium of a row, and whether it left the branch of the one before; a guess is on no branch."""
+    if before is None:
+        return solver.solve(actuation, loads), False
+    result = solver.solve(actuation, loads, before)
+    if result.converged:
+        return result, before.converged and not _continues(solver, before, result)
+    cold = solver.solve(actuation, loads)
+    return cold, cold.converged and before.converged
+
+
+def _continues(solver: ForwardSolver, before: Equilibrium, result: Equilibrium) -> bool:
+    """Whether a solve from ``before`` kept to its branch.
+
+    Shooting does, or fails. IPOPT may descend across a fold to any shape, so the branch is followed once more by
+    shooting, and the two answers are compared.
+    """
+    settings = solver.settings
+    if not isinstance(settings.method, Ipopt):
+        return True
+    shooting = attrs.evolve(settings, formulation="equilibrium", method=Homotopy())
+    followed = ForwardSolver(solver.robot, shooting, compiled=False).solve(result.actuation, result.loads, before)
+    if not followed.converged:
+        return False
+    scales, live = result.configuration.scales, result.configuration.kind.live
+    a, b = (each.last_iterate.unknowns(scales, live) for each in (followed, result))
+    near = np.linalg.norm(a - b) <= _SAME * (1.0 + np.linalg.norm(a))
+    jacobian, other = followed.shooting_jacobian, result.shooting_jacobian
+    assert jacobian is not None
+    assert other is not None
+    return bool(near) and regular_between(jacobian, other, family_of(jacobian))

@@ -1,0 +1,106 @@
+"""Solves of one robot: by compiled code where it knows the loads, otherwise by the ways of ``ways.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from ..errors import DefinitionError, SolveError
+from ..layout.configuration import Configuration
+from ..loads.wrenches import LOADS, Load
+from ..native.library import library
+from ..robot.actuation import Actuation
+from ..robot.robot import Robot
+from .compiled import CompiledProblem
+from .equilibrium import Equilibrium
+from .settings import Settings
+from .ways import Run
+
+
+class ForwardSolver:
+    """The solver of a robot with some settings; ``compiled`` as in :class:`~ctr_opt.ForwardProblem`."""
+
+    def __init__(self, robot: Robot, settings: Settings, compiled: bool | None) -> None:
+        self.robot = robot
+        self.settings = settings
+        self._compilable = compiled is not False and settings.compilable
+        self._requested = False
+        self._compiled: dict[bool, CompiledProblem] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_compiled": {}}  # libraries are of this process
+
+    def compile(self) -> None:
+        """Compile the solver for this number of tubes if it is not cached; raises ``CompilationError``."""
+        library(len(self.robot.tubes), False).built()
+        self._requested = True
+
+    def compiled_for(self, loads: Iterable[Load]) -> CompiledProblem | None:
+        """The compiled solver for such loads; None where there is none, or it is not wanted."""
+        if not self._compilable:
+            return None
+        body = False
+        for load in loads:
+            if getattr(load, "frame", None) == "body":
+                body = True
+        problem = self._compiled.get(body)
+        if problem is None:
+            kept = library(len(self.robot.tubes), body)
+            native = kept.built() if self._requested else kept.ready()
+            if native is None:
+                return None
+            problem = self._compiled[body] = CompiledProblem(self.robot, self.settings, native)
+        return problem
+
+    def configuration(self, actuation: Actuation, loads: tuple[Load, ...]) -> Configuration:
+        """Actuation and loads as numbers along the arc length; raises ``DefinitionError``."""
+        configuration = Configuration(self.robot, actuation, loads)
+        if self.settings.formulation == "energy" and configuration.without_potential:
+            raise DefinitionError(
+                f"{configuration.without_potential}: formulation = 'energy' takes conservative loads only; "
+                "use formulation = 'automatic' or 'equilibrium'"
+            )
+        return configuration
+
+    def solve(
+        self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium | None = None, throw: bool = False
+    ) -> Equilibrium:
+        """An equilibrium, from another one or from nothing; a failed result raises where it is to be thrown."""
+        if initial is not None:
+            check_initial(initial, self.robot)
+        fast = self.compiled_for(loads)
+        if fast is not None and isinstance(actuation, Actuation) and len(actuation.rotations) == len(self.robot.tubes):
+            result = fast.solve(actuation, loads, initial)
+            if result is not None:
+                return result
+        result = Run(self.settings, self.configuration(actuation, loads)).solve(initial)
+        if throw and not result.converged:
+            raise SolveError(result.message, result)
+        return result
+
+    def neighbour(self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium) -> Equilibrium | None:
+        """The equilibrium next to ``initial`` on the same branch, or None where that is in doubt."""
+        fast = self.compiled_for(loads)
+        if fast is not None and fast.knows(loads):
+            return fast.solve(actuation, loads, initial)
+        result = Run(self.settings, self.configuration(actuation, loads)).solve(initial)
+        return result if result.converged else None
+
+
+def as_loads(loads: Any) -> tuple[Load, ...]:
+    """A list of loads as a tuple."""
+    if isinstance(loads, LOADS):
+        raise DefinitionError(f"loads = {loads!r} must be a list of loads, like loads=[...]")
+    try:
+        return tuple(loads)
+    except TypeError:
+        raise DefinitionError(f"loads = {loads!r} must be a list of loads") from None
+
+
+def check_initial(initial: Any, robot: Robot) -> None:
+    """Raise ``DefinitionError`` unless it is an equilibrium of a robot with this number of tubes."""
+    if not isinstance(initial, Equilibrium):
+        raise DefinitionError(f"initial = {initial!r} must be an Equilibrium")
+    tubes = len(initial.robot.tubes)
+    if tubes != len(robot.tubes):
+        raise DefinitionError(f"initial is of a robot with {tubes} tubes, but this one has {len(robot.tubes)}")
