@@ -22,7 +22,8 @@ from ..estimation.comparison import Comparison
 from ..estimation.compiled_model import CompiledModel, compilable
 from ..estimation.experiment import Experiment
 from ..estimation.losses import LOSSES, Loss
-from ..estimation.measurements import Measurement, Predicted, Somewhere, arc_length_of
+from ..estimation.measurements import Measurement
+from ..estimation.measurements.kind import Prediction, Somewhere, arc_length_of
 from ..estimation.places import Orders, free, moved, nearest, orders
 from ..estimation.sensors import names_of, sensed
 from ..estimation.symbolic_model import GroupModel, structure
@@ -394,7 +395,7 @@ class Estimation:
         every, longest = np.arange(len(ends)), ends.argmax(axis=1)
         return ends[every, longest], group.ends_x[every, longest]
 
-    def _evaluate(self, group: Group, x: Array, z: Array, s: Array) -> tuple[Array, list[Predicted], Array]:
+    def _evaluate(self, group: Group, x: Array, z: Array, s: Array) -> tuple[Array, list[Prediction], Array]:
         """Residuals, predictions, and the residuals' slopes of a group; ``s``: arc lengths that are estimated."""
         if group.symbolic is not None and group.start is not None:
             theta = group.start.copy()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..checks import Array
 from ..errors import EstimationError
-from ..estimation.measurements import Somewhere, arc_length_of
+from ..estimation.measurements.kind import Somewhere, arc_length_of
 from ..robot.actuation import Actuation
 from ..robot.names import symbol
 from ..robot.robot import Robot

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..estimation.measurements.kind import POINTS
 from ..robot.names import symbol
-from .report import is_point, point_errors
+from .report import is_point, sizes_by_place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +35,7 @@ def figure_fit(fit: Fit) -> Figure:
 def plot_histogram(fit: Fit, ax: Axes | None = None, *, where: str | None = None) -> Axes:
     """Histogram of the distances of measured points, as the paper's Fig. 12; by default those at the tip."""
     ax = _axes(ax)
-    errors = point_errors(fit)
+    errors = sizes_by_place(fit, POINTS)
     if not errors:
         ax.set_axis_off()
         return ax

@@ -8,23 +8,14 @@ import numpy as np
 
 from ..checks import Array
 from ..estimation.losses import SMOOTHING
-from ..estimation.measurements import (
-    BackboneMeasurement,
-    Distal,
-    Measurement,
-    Place,
-    PoseMeasurement,
-    PositionMeasurement,
-    Somewhere,
-    TangentMeasurement,
-)
-from ..robot.names import symbol
+from ..estimation.measurements import Distal, Measurement
+from ..estimation.measurements.kind import POINTS, Part, Request, Somewhere
+from ..robot.names import shown, symbol
 from .fit import REJECTED
 
 if TYPE_CHECKING:
     from .fit import Fit, Residual
 
-_POINTS = PositionMeasurement, BackboneMeasurement, PoseMeasurement
 _FEW = 6  # arc lengths that are told one by one
 _CORRELATED = 0.9  # pairs of parameters from here on are named
 
@@ -121,20 +112,14 @@ def _correlated(fit: Fit) -> list[str]:
 
 
 def residual_lines(fit: Fit) -> list[str]:
-    """Distances of the points by where they are, and experiments that do not fit."""
+    """Sizes of the residuals by what was measured and where, and experiments that do not fit."""
     lines = []
-    for name, sizes in point_errors(fit).items():
-        mean, most = 1e3 * sizes.mean(), 1e3 * sizes.max()
-        lines.append(
-            _row(
-                name,
-                f"mean {mean:.3f}, median {1e3 * np.median(sizes):.3f}, largest {most:.3f} mm ({len(sizes)} points)",
-            )
-        )
-    for name, angles in angle_errors(fit).items():
-        mean, middle, most = np.rad2deg((angles.mean(), np.median(angles), angles.max()))
-        told = f"mean {mean:.3f}, median {middle:.3f}, largest {most:.3f} deg ({len(angles)} directions)"
-        lines.append(_row(name, told))
+    for part in dict.fromkeys(part for each in fit.residuals for part in measurement_of(fit, each).parts):
+        factor, unit = shown(part.unit)
+        for name, sizes in sizes_by_place(fit, part).items():
+            mean, middle, most = factor * np.array((sizes.mean(), np.median(sizes), sizes.max()))
+            text = f"mean {mean:.3f}, median {middle:.3f}, largest {most:.3f} {unit}"
+            lines.append(_row(name, f"{text} ({len(sizes)} {part.name})"))
     names = [fit.estimation.experiments[k].name or str(k) for k in fit.outliers]
     if names:
         lines += ["", "  Experiments that do not fit the others (look at them; none was left out):"]
@@ -145,8 +130,8 @@ def residual_lines(fit: Fit) -> list[str]:
 
 def worst_point(fit: Fit, experiment: int) -> str:
     """The largest distance of an experiment's points, and where; empty if it has none."""
-    own = [each for each in fit.residuals if each.experiment == experiment and is_point(fit, each)]
-    worst = max(own, key=lambda each: each.distance, default=None)
+    points = [each for each in fit.residuals if each.experiment == experiment and is_point(fit, each)]
+    worst = max(points, key=lambda each: each.distance, default=None)
     return f"{1e3 * worst.distance:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, " if worst else ""
 
 
@@ -155,51 +140,49 @@ def measurement_of(fit: Fit, residual: Residual) -> Measurement:
     return fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
 
 
-def place_of(fit: Fit, residual: Residual) -> tuple[Place | Somewhere] | None:
-    """Where a point was measured, alone in a tuple; None if the residual is not that of a point."""
-    measurement = measurement_of(fit, residual)
-    return (measurement.requests[residual.block].place,) if isinstance(measurement, _POINTS) else None
+def request_of(fit: Fit, residual: Residual) -> Request:
+    """The prediction that a residual is of."""
+    return measurement_of(fit, residual).requests[residual.block]
 
 
 def is_point(fit: Fit, residual: Residual) -> bool:
     """Whether a residual is that of a measured point."""
-    return place_of(fit, residual) is not None
+    return POINTS in measurement_of(fit, residual).parts
 
 
-def point_errors(fit: Fit) -> dict[str, Array]:
-    """Distances of measured points (m) by where they are: ends of tubes, the tip, sensors, arc lengths, somewhere."""
-    return {name: np.array([each.distance for each in found]) for name, found in points_by_place(fit).items()}
+def sizes_by_place(fit: Fit, part: Part) -> dict[str, Array]:
+    """Sizes of a part of the residuals, SI, by where they were measured."""
+    return {
+        name: np.array([np.linalg.norm(each.value[part.of_block]) for each in residuals])
+        for name, residuals in by_place(fit, part).items()
+    }
 
 
-def points_by_place(fit: Fit) -> dict[str, list[Residual]]:
-    """The residuals of points, by where they are."""
-    return _by_place(fit, _POINTS)
-
-
-def angle_errors(fit: Fit) -> dict[str, Array]:
-    """Angles between predicted and measured directions or frames (rad), by where they are."""
-    found = _by_place(fit, (TangentMeasurement, PoseMeasurement))
-    return {f"direction, {name}": np.array([each.angle for each in every]) for name, every in found.items()}
-
-
-def _by_place(fit: Fit, kinds: tuple[type, ...]) -> dict[str, list[Residual]]:
-    those = [each for each in fit.residuals if isinstance(measurement_of(fit, each), kinds)]
-    requests = [measurement_of(fit, each).requests[each.block] for each in those]
+def by_place(fit: Fit, part: Part) -> dict[str, list[Residual]]:
+    """The residuals with such a part by where they were measured: ends of tubes, the tip, sensors, arc lengths."""
+    those = [each for each in fit.residuals if part in measurement_of(fit, each).parts]
+    requests = [request_of(fit, each) for each in those]
     few = len({one.place for one in requests if isinstance(one.place, float)}) <= _FEW
-    found: dict[str, list[Residual]] = {}
+    groups: dict[str, list[Residual]] = {}
     for each, one in zip(those, requests, strict=True):
-        place = one.place
-        if place is None:
-            name = "tip"
-        elif isinstance(place, Distal):
-            name = f"end of tube {place.tube}"
-        elif isinstance(place, Somewhere):
-            name = "somewhere along it"
-        else:
-            name = f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
-        found.setdefault(name if one.sensor is None else f"{name} ({one.sensor})", []).append(each)
-    return found
+        name = ", ".join(filter(None, (part.title, _where(one, few))))
+        groups.setdefault(name if one.sensor is None else f"{name} ({one.sensor})", []).append(each)
+    return groups
+
+
+def _where(request: Request, few: bool) -> str:
+    """Where a prediction is, in words; ``few``: arc lengths are told one by one."""
+    place = request.place
+    if request.kind in ("torque", "force"):
+        return f"tube {request.tube}"
+    if place is None:
+        return "tip"
+    if isinstance(place, Distal):
+        return f"end of tube {place.tube}"
+    if isinstance(place, Somewhere):
+        return "somewhere along it"
+    return f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
 
 
 def _row(name: str, value: str) -> str:
-    return f"  {name:<22}{value}"
+    return f"  {name:<21} {value}"

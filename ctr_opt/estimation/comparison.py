@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..checks import Array
-from .measurements import BackboneMeasurement, Found, Measurement, Stacked
+from .measurements import Measurement
+from .measurements.kind import PredictionList, Somewhere, Stacked
 
 
 class Comparison:
@@ -19,7 +20,7 @@ class Comparison:
     def __init__(self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]) -> None:
         self._columns = [_Column(list(column), whitener) for column in zip(*measurements, strict=True)]
 
-    def compare(self, predictions: Found) -> tuple[Array, Array]:
+    def compare(self, predictions: PredictionList) -> tuple[Array, Array]:
         """Whitened misfits ``(experiments, numbers)`` and their derivatives, from predictions of all experiments."""
         if len(self._columns) == 1:
             return self._columns[0].compare(predictions)
@@ -31,23 +32,23 @@ class Comparison:
             rates.append(rate)
         return np.concatenate(misfits, axis=1), np.concatenate(rates, axis=1)
 
-    def along(self, predictions: Found) -> Array:
+    def along(self, predictions: PredictionList) -> Array:
         """Derivatives of the whitened misfits by the arc lengths that are estimated, ``(experiments, numbers, k)``.
 
         A point moves along the tangent of the backbone, by as much as its arc length, and nothing else moves.
         """
         size = sum(column.numbers for column in self._columns)
         count = sum(column.requests for column in self._columns if column.somewhere)
-        found = np.zeros((len(predictions[0].value), size, count))
+        slopes = np.zeros((len(predictions[0].value), size, count))
         row = place = start = 0
         for column in self._columns:
             those = slice(start, start := start + column.requests)
             if column.somewhere:
                 points = np.arange(column.requests)[:, None]
-                found[:, row + 3 * points + np.arange(3), place + points] = column.tangents(predictions[those])
+                slopes[:, row + 3 * points + np.arange(3), place + points] = column.tangents(predictions[those])
                 place += column.requests
             row += column.numbers
-        return found
+        return slopes
 
 
 class _Column:
@@ -57,16 +58,16 @@ class _Column:
         self.measurements = measurements
         self.requests = len(measurements[0].requests)
         self.numbers = int(np.prod(measurements[0].shape))
-        self.somewhere = isinstance(measurements[0], BackboneMeasurement)
-        self._whitener = np.array([whitener(each) for each in measurements])
+        self.somewhere = isinstance(measurements[0].requests[0].place, Somewhere)
+        self._whitener = np.array([whitener(one) for one in measurements])
 
-    def compare(self, found: Found) -> tuple[Array, Array]:
-        values, rates = self.measurements[0].compare(self.measurements, found)
+    def compare(self, predictions: PredictionList) -> tuple[Array, Array]:
+        values, rates = self.measurements[0].compare(self.measurements, predictions)
         count = len(values)
         misfit = np.matmul(self._whitener, values[..., None])[..., 0]
         return misfit.reshape(count, -1), np.matmul(self._whitener, rates).reshape(count, -1, rates.shape[-1])
 
-    def tangents(self, found: Found) -> Array:
+    def tangents(self, predictions: PredictionList) -> Array:
         """Whitened tangents of the backbone ``(experiments, points, 3)``."""
-        tangents = Stacked.of(found).value[..., 2]
+        tangents = Stacked.of(predictions).value[..., 2]
         return np.asarray(np.matmul(self._whitener, tangents[..., None])[..., 0])

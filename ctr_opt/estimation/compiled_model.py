@@ -18,7 +18,7 @@ from ..native.predictions import Predictions, Probe, piecewise_constant, support
 from ..robot.actuation import Actuation
 from ..robot.names import parsed
 from ..robot.robot import Robot
-from .measurements import Distal, Predicted, Request, Somewhere
+from .measurements.kind import Distal, Prediction, Request, Somewhere
 
 _PROBED = ("pose", "curvature")
 _SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
@@ -75,7 +75,7 @@ class CompiledModel:
         z: Array,
         angles: Array,
         s: Array,
-    ) -> tuple[Array, list[Predicted], Array]:
+    ) -> tuple[Array, list[Prediction], Array]:
         """As :meth:`GroupModel.evaluate`.
 
         ``angles`` are those of the base, by which the robot is turned already; ``s (E, k)``: arc lengths of the points
@@ -154,13 +154,13 @@ def asked(requests: Sequence[Request]) -> dict[str, bool]:
     return {"curvatures": "curvature" in kinds, "forces": "force" in kinds}
 
 
-def predicted(requests: Sequence[Request], told: Told, z: Array) -> list[Predicted]:
+def predicted(requests: Sequence[Request], told: Told, z: Array) -> list[Prediction]:
     """The predictions asked for, at base moments ``z (E, unknowns)``."""
     found, probe = [], 0
     for request in requests:
         if request.kind in _PROBED:
             value, rates = of_probes(request.kind, told)
-            found.append(Predicted(value[:, probe], rates[:, probe]))
+            found.append(Prediction(value[:, probe], rates[:, probe]))
             probe += 1
             continue
         tube = request.tube or 0
@@ -169,7 +169,7 @@ def predicted(requests: Sequence[Request], told: Told, z: Array) -> list[Predict
             continue
         assert told.forces is not None
         assert told.force_rates is not None
-        found.append(Predicted(told.forces[:, tube, None], told.force_rates[:, tube, None]))
+        found.append(Prediction(told.forces[:, tube, None], told.force_rates[:, tube, None]))
     return found
 
 
@@ -182,11 +182,11 @@ def of_probes(kind: str, told: Told) -> tuple[Array, Array]:
     return told.curvatures, told.curvature_rates
 
 
-def _torque(z: Array, tube: int, columns: int) -> Predicted:
+def _torque(z: Array, tube: int, columns: int) -> Prediction:
     """An actuator's torque, by base moments ``z (E, unknowns)`` alone, and as many columns of slopes."""
     slopes = np.zeros((len(z), 1, columns))
     slopes[:, 0, 2 + tube] = -1.0
-    return Predicted(-z[:, 2 + tube, None], slopes)
+    return Prediction(-z[:, 2 + tube, None], slopes)
 
 
 def probe_of(request: Request, longest: int, s: float = 0.0) -> Probe:

@@ -9,7 +9,8 @@ import attrs
 from ..errors import DefinitionError
 from ..loads.wrenches import LOADS, Load
 from ..robot.actuation import Actuation
-from .measurements import MEASUREMENTS, Measurement, Request
+from .measurements import MEASUREMENTS, Measurement
+from .measurements.kind import Request
 
 
 def _several(value: Any, field: str) -> tuple[Any, ...]:

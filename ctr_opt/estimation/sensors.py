@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks import Array
 from .compiled_model import euler_rates
-from .measurements import Predicted, Request
+from .measurements.kind import Prediction, Request
 
 Mounting: TypeAlias = "tuple[Array, Array]"
 """A sensor in a tube's frame: translation ``(3,)``, m, and XYZ Euler angles ``(3,)``, rad."""
@@ -21,8 +21,8 @@ def names_of(requests: Sequence[Request]) -> tuple[str, ...]:
 
 
 def sensed(
-    requests: Sequence[Request], found: Sequence[Predicted], mountings: Mapping[str, Mounting]
-) -> list[Predicted]:
+    requests: Sequence[Request], found: Sequence[Prediction], mountings: Mapping[str, Mounting]
+) -> list[Prediction]:
     """Predictions with the poses of sensors in the place of the tubes' frames that carry them.
 
     Behind the columns of the slopes come six more for each sensor, by its translation and its angles.
@@ -34,11 +34,11 @@ def sensed(
         if request.sensor is not None:
             start = starts[request.sensor]
             shown, more[..., start : start + 6] = _mounted(each, *mountings[request.sensor])
-        told.append(Predicted(shown.value, np.concatenate((shown.slopes, more), axis=-1)))
+        told.append(Prediction(shown.value, np.concatenate((shown.slopes, more), axis=-1)))
     return told
 
 
-def _mounted(carrier: Predicted, translation: Array, angles: Array) -> tuple[Predicted, Array]:
+def _mounted(carrier: Prediction, translation: Array, angles: Array) -> tuple[Prediction, Array]:
     """Poses of a sensor on a frame, and their six rates by its translation and angles."""
     from scipy.spatial.transform import Rotation
 
@@ -48,4 +48,4 @@ def _mounted(carrier: Predicted, translation: Array, angles: Array) -> tuple[Pre
     moved = slopes[:, :3] + np.cross(slopes[:, 3:], arms[..., None], axis=1)
     own = np.zeros((len(frames), 6, 6))
     own[:, :3, :3], own[:, 3:, 3:] = frames, turned @ euler_rates(angles)
-    return Predicted(poses, np.concatenate((moved, slopes[:, 3:]), axis=1)), own
+    return Prediction(poses, np.concatenate((moved, slopes[:, 3:]), axis=1)), own

@@ -25,7 +25,7 @@ from ..robot.names import Parameter, parameters, parsed
 from ..robot.robot import Robot
 from ..transcription.integrals import integral_functions
 from ..transcription.parametric_problem import Discretized, ParametricProblem
-from .measurements import Distal, Predicted, Request, Somewhere
+from .measurements.kind import Distal, Prediction, Request, Somewhere
 
 SIZES = {"pose": 12, "curvature": 3, "torque": 1, "force": 1}
 _PROBES = "probes"
@@ -230,7 +230,7 @@ class GroupModel:
                 theta[part] = known[name].value.ravel()
         return theta
 
-    def evaluate(self, z: Array, theta: Array) -> tuple[Array, list[Predicted], Array]:
+    def evaluate(self, z: Array, theta: Array) -> tuple[Array, list[Prediction], Array]:
         """Of experiments ``z (E, unknowns)``, ``theta (E, k)``: residuals, predictions, and the residuals' slopes."""
         count, n = len(z), self.unknowns
         if count not in self._mapped:
@@ -241,11 +241,11 @@ class GroupModel:
         for request in self.requests:
             part = slice(start, start + SIZES[request.kind])
             value, rates, start = told[part].T, slopes[:, part], part.stop
-            found.append(_poses(value, rates) if request.kind == "pose" else Predicted(value, rates))
+            found.append(_poses(value, rates) if request.kind == "pose" else Prediction(value, rates))
         return told[:n].T, found, slopes[:, :n]
 
 
-def _poses(numbers: Array, slopes: Array) -> Predicted:
+def _poses(numbers: Array, slopes: Array) -> Prediction:
     """Poses ``(E, 3, 4)`` and their six rates from positions and frames, column by column."""
     count = len(numbers)
     frames = np.swapaxes(numbers[:, 3:].reshape(count, 3, 3), 1, 2)
@@ -255,4 +255,4 @@ def _poses(numbers: Array, slopes: Array) -> Predicted:
         (turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]), axis=1
     )
     poses = np.concatenate((frames, numbers[:, :3, None]), axis=2)
-    return Predicted(poses, np.concatenate((slopes[:, :3], turned), axis=1))
+    return Prediction(poses, np.concatenate((slopes[:, :3], turned), axis=1))

@@ -15,7 +15,8 @@ from ..loads.wrenches import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .experiment import Experiment
-from .measurements import Measurement, Place, PositionMeasurement, TangentMeasurement, arc_length_of
+from .measurements import Measurement, PositionMeasurement, TangentMeasurement
+from .measurements.kind import Place, arc_length_of
 from .sensors import Mounting
 
 

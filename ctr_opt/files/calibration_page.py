@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.plot import figure_fit
-from ..calibration.report import angle_errors, place_of, point_errors, points_by_place, worst_point
+from ..calibration.report import by_place, is_point, request_of, sizes_by_place, worst_point
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
+from ..estimation.measurements.kind import DIRECTIONS, POINTS
 from ..forward.problem import ForwardProblem
 from ..robot.actuation import Actuation
 from ..robot.names import symbol
@@ -109,19 +110,19 @@ def _table(header: list[str], rows: list[list[str]]) -> list[str]:
 
 def tip_errors(fit: Fit) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Of the experiments whose tip was measured: its error (m), its arc length (m), and whether there was a load."""
-    tips = [each for each in fit.residuals if place_of(fit, each) == (None,)]
+    tips = [each for each in fit.residuals if is_point(fit, each) and request_of(fit, each).place is None]
     loaded = [bool(fit.estimation.experiments[each.experiment].loads) for each in tips]
     sizes, lengths = ([getattr(each, field) for each in tips] for field in ("distance", "arc_length"))
     return np.array(sizes), np.array(lengths), np.array(loaded, dtype=bool)
 
 
 def _errors(fit: Fit) -> list[str]:
-    groups = list(point_errors(fit).items())
+    groups = list(sizes_by_place(fit, POINTS).items())
     errors, lengths, loaded = tip_errors(fit)
     if len(errors) and loaded.any() and not loaded.all():
         groups += [("tip, unloaded", errors[~loaded]), ("tip, loaded", errors[loaded])]
     lines = _table(["error [mm]", "points", *_STATISTICS], [_statistics(name, 1e3 * e) for name, e in groups])
-    angles = [_statistics(name, np.rad2deg(each)) for name, each in angle_errors(fit).items()]
+    angles = [_statistics(name, np.rad2deg(each)) for name, each in sizes_by_place(fit, DIRECTIONS).items()]
     if angles:
         lines += ["", *_table(["error [deg]", "directions", *_STATISTICS], angles)]
     if len(errors):
@@ -148,14 +149,16 @@ def hold_out_table(fit: Fit, held: Fit) -> list[str]:
     Distances and angles; predicted minus measured along the world's axes, mean ± standard deviation.
     """
     rows = []
-    for name in points_by_place(fit):
+    for name in by_place(fit, POINTS):
         for title, each in (("fitted", fit), ("held out", held)):
-            errors = 1e3 * np.array([found.value[:3] for found in points_by_place(each).get(name, [])]).reshape(-1, 3)
+            errors = 1e3 * np.array([found.value[:3] for found in by_place(each, POINTS).get(name, [])]).reshape(-1, 3)
             axes = [f"{x.mean():+.3f} ± {x.std():.3f}" for x in errors.T]
             rows.append([f"{name}, {title} [mm]", *_spread(np.linalg.norm(errors, axis=1)), *axes])
-    for name in angle_errors(fit):
+    for name in by_place(fit, DIRECTIONS):
         for title, each in (("fitted", fit), ("held out", held)):
-            rows.append([f"{name}, {title} [deg]", *_spread(np.rad2deg(angle_errors(each)[name])), "", "", ""])
+            rows.append(
+                [f"{name}, {title} [deg]", *_spread(np.rad2deg(sizes_by_place(each, DIRECTIONS)[name])), "", "", ""]
+            )
     return _table(["error", "count", "mean", "sd", "largest", "x", "y", "z"], rows)
 
 

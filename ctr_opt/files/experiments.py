@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +15,17 @@ from ..checks import Array, number
 from ..errors import DefinitionError
 from ..estimation.experiment import Experiment
 from ..estimation.measurements import (
+    MEASUREMENTS,
     Distal,
     Measurement,
-    Place,
     PoseMeasurement,
     PositionMeasurement,
     TangentMeasurement,
-    whitening,
 )
+from ..estimation.measurements.kind import Place, whitening
 from ..loads.wrenches import PointWrench
 from ..robot.actuation import Actuation
+from ..robot.names import shown
 from .text import write_atomically
 from .unit_tables import columns_of, read_rows, value_of
 
@@ -32,6 +33,8 @@ _AXES = ("x", "y", "z")
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _UNIT = 1e-2  # a quaternion's norm may be so far from one by rounding
 _POINT = re.compile(r"base|tip|tube\d+")
+COLUMNS = {name: unit for kind in MEASUREMENTS for name, unit in kind.columns.items()}
+"""Vectors that kinds of measurements have in a table, three columns each."""
 
 
 def read_experiments(
@@ -41,6 +44,7 @@ def read_experiments(
     sigma: Any = None,
     direction_sigma: float | None = None,
     sensor: str | None = None,
+    sigmas: Mapping[str, Any] | None = None,
 ) -> list[Experiment]:
     """Read a table of experiments.
 
@@ -62,6 +66,8 @@ def read_experiments(
     sensor
         A name, if tips, directions (its z axis) and orientations are those of a sensor on the innermost tube, in an
         unknown pose: see :class:`~ctr_opt.PositionMeasurement`.
+    sigmas
+        Standard deviations of other vectors, SI, numbers or one for each axis, by the names of their columns.
 
     Raises
     ------
@@ -74,23 +80,28 @@ def read_experiments(
     80
     """
     file = Path(path)
+    for name in sigmas or {}:
+        if name not in COLUMNS:
+            raise DefinitionError(f"sigmas has {name!r}, which is no vector of a table: {', '.join(COLUMNS) or 'none'}")
     header, rows = read_rows(file)
     columns = _columns(file, header, tubes)
+    noise = {"sigma": sigma, "direction_sigma": direction_sigma, "sensor": sensor, "sigmas": sigmas or {}}
     found = []
     for line, row in rows:
         values = {
             name: value_of(file, line, name, row[k], factor) for name, (k, factor) in columns.items() if name != "name"
         }
         name = row[columns["name"][0]].strip() if "name" in columns else f"line {line}"
-        found.append(_Row(f"{file}: line {line}", values, tubes, sigma, direction_sigma, sensor).experiment(name))
+        found.append(_Row(f"{file}: line {line}", values, tubes, **noise).experiment(name))
     return found
 
 
 def _columns(file: Path, header: list[str], tubes: int) -> dict[str, tuple[int, float]]:
     """Where each column stands, and by what its numbers are multiplied to be SI."""
     allowed = (
-        "name, rotation_i, translation_i, force_x, and of measurements base_x, tip_x, tube<i>_x, direction_x, with "
-        f"y and z likewise, tip_qw, tip_qx, tip_qy, tip_qz, for tubes 0 to {tubes - 1}"
+        "name, rotation_i, translation_i, force_x, and of measurements base_x, tip_x, tube<i>_x, direction_x, "
+        f"{''.join(f'{name}_x, ' for name in COLUMNS)}with y and z likewise, tip_qw, tip_qx, tip_qy, tip_qz, for tubes "
+        f"0 to {tubes - 1}"
     )
     found = columns_of(file, header, lambda name: _unit(name, tubes), allowed)
     needed = [f"{kind}_{i}" for kind in ("rotation", "translation") for i in range(tubes)]
@@ -117,6 +128,8 @@ def _unit(name: str, tubes: int) -> str | None:
         return "1"
     if end not in _AXES:
         return None
+    if stem in COLUMNS:
+        return COLUMNS[stem]
     if stem in ("force", "direction"):
         return "N" if stem == "force" else "1"
     known = _POINT.fullmatch(stem) and (not stem.startswith("tube") or int(stem[4:]) < tubes)
@@ -133,6 +146,7 @@ class _Row:
     sigma: Any
     direction_sigma: float | None
     sensor: str | None
+    sigmas: Mapping[str, Any]
 
     def read(self, stem: str, ends: Sequence[Any]) -> list[float]:
         return [self.values.get(f"{stem}_{end}", np.nan) for end in ends]
@@ -143,7 +157,7 @@ class _Row:
             raise DefinitionError(f"{self.where}: rotations and translations must all be given")
         force = np.nan_to_num(self.read("force", _AXES)).tolist()
         try:
-            measured = [*self._points(), *self._tip()]
+            measured = [*self._points(), *self._tip(), *self._vectors()]
             if not measured:
                 raise DefinitionError("nothing was measured")
             return Experiment(Actuation(*joints), [PointWrench(force=force)] if any(force) else [], measured, name=name)
@@ -186,6 +200,15 @@ class _Row:
             found.append(TangentMeasurement(None, direction, self.direction_sigma, self.sensor))
         return found
 
+    def _vectors(self) -> list[Measurement]:
+        """What kinds of measurements have columns of their own."""
+        found = []
+        for kind in MEASUREMENTS:
+            vectors = {name: np.array(self.read(name, _AXES)) for name in kind.columns}
+            if vectors and all(np.isfinite(vector).all() for vector in vectors.values()):
+                found.append(kind.of_columns(vectors, {name: self.sigmas.get(name) for name in vectors}))
+        return found
+
     def _pose(self, point: list[float]) -> Array:
         from scipy.spatial.transform import Rotation
 
@@ -216,42 +239,51 @@ def write_experiments(
 ) -> None:
     """Write experiments with positions at the entry, tubes' ends and the tip, and its direction, to such a table.
 
-    In mm, degrees and N; ``decimals`` of positions and directions.
+    In mm, degrees and N; ``decimals`` of what was measured. What an experiment does not have is left empty.
     """
-    tubes = len(experiments[0].actuation.rotations)
-    first = [m for m in experiments[0].measurements if isinstance(m, PositionMeasurement)]
-    stems = [_stem(place) for each in first for place in each.arc_length]
-    header = ["name", *(f"rotation_{i} [deg]" for i in range(tubes)), *(f"translation_{i} [mm]" for i in range(tubes))]
-    loaded = any(each.loads for each in experiments)
-    header += [f"force_{axis} [N]" for axis in _AXES if loaded]
-    header += [f"{stem}_{axis} [mm]" for stem in stems for axis in _AXES]
-    directed = any(isinstance(m, TangentMeasurement) for m in experiments[0].measurements)
-    header += [f"direction_{axis}" for axis in _AXES if directed]
+    rows = [_cells(each, any(one.loads for one in experiments), decimals) for each in experiments]
+    columns = list(dict.fromkeys(name for row in rows for name in row))
 
     def write(part: Path) -> None:
         with part.open("w", encoding="utf-8", newline="") as file:
             for line in comment.splitlines():
                 file.write(f"# {line}\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(header)
-            for each in experiments:
-                force = sum((load.force for load in each.loads if isinstance(load, PointWrench)), np.zeros(3))
-                points = np.vstack([m.position for m in each.measurements if isinstance(m, PositionMeasurement)])
-                writer.writerow(
-                    [each.name]
-                    + [f"{x:.12g}" for x in np.rad2deg(each.actuation.rotations)]
-                    + [f"{x:.12g}" for x in 1e3 * each.actuation.translations]
-                    + [f"{x:.12g}" for x in force if loaded]
-                    + [f"{x:.{decimals}f}" for x in 1e3 * points.ravel()]
-                    + [
-                        f"{x:.{decimals}f}"
-                        for m in each.measurements
-                        if isinstance(m, TangentMeasurement)
-                        for x in m.direction
-                    ]
-                )
+            writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
 
     write_atomically(Path(path), write)
+
+
+def _cells(experiment: Experiment, loaded: bool, decimals: int) -> dict[str, str]:
+    """The fields of an experiment by their columns."""
+    joints, exact, rounded = experiment.actuation, "{:.12g}", f"{{:.{decimals}f}}"
+    cells = {"name": experiment.name}
+
+    def add(names: Sequence[str], numbers: Array, form: str = rounded) -> None:
+        cells.update({name: form.format(x) for name, x in zip(names, numbers.tolist(), strict=True)})
+
+    tubes = range(len(joints.rotations))
+    add([f"rotation_{i} [deg]" for i in tubes], np.rad2deg(joints.rotations), exact)
+    add([f"translation_{i} [mm]" for i in tubes], 1e3 * joints.translations, exact)
+    if loaded:
+        forces = [load.force for load in experiment.loads if isinstance(load, PointWrench)]
+        add(_axes("force", " [N]"), sum(forces, np.zeros(3)), exact)
+    for measured in experiment.measurements:
+        if isinstance(measured, PositionMeasurement):
+            for place, point in zip(measured.arc_length, measured.position, strict=True):
+                add(_axes(_stem(place), " [mm]"), 1e3 * point)
+    for measured in experiment.measurements:
+        if isinstance(measured, TangentMeasurement):
+            add(_axes("direction"), measured.direction)
+        for name, unit in measured.columns.items():
+            factor, written = shown(unit.replace("*", " "))
+            add(_axes(name, f" [{written.replace(' ', '*')}]"), factor * measured.to_columns()[name])
+    return cells
+
+
+def _axes(stem: str, unit: str = "") -> list[str]:
+    return [f"{stem}_{axis}{unit}" for axis in _AXES]
 
 
 def _stem(place: Place) -> str:

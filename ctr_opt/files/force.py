@@ -4,25 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import attrs
 import numpy as np
 
-from ..checks import Array
-from ..errors import DefinitionError
-from ..estimation.measurements import (
-    BackboneMeasurement,
-    CurvatureMeasurement,
-    Distal,
-    ForceMeasurement,
-    Measurement,
-    PoseMeasurement,
-    PositionMeasurement,
-    TangentMeasurement,
-    TorqueMeasurement,
-)
+from ..estimation.measurements import Measurement
+from ..estimation.measurements.kind import Table, six
 from ..force.contact_number import Contacts
 from ..force.distributed import DistributedForce
 from ..force.estimate import ForceEstimate
@@ -41,7 +31,6 @@ if TYPE_CHECKING:
 Made = TypeVar("Made")
 
 _MOST = 4.0  # standard errors that an estimate from synthetic data may be off the truth
-_POINTS, _CURVATURES = {"x": "m", "y": "m", "z": "m"}, {"s": "m", "u_x": "1/m", "u_y": "1/m"}
 _DENSITY = {"s": "m", "f_x": "N/m", "f_y": "N/m", "f_z": "N/m"}
 _WITHIN, _SHARE = 2.0, 0.85  # standard errors of a density, and the share of it that is no farther off
 
@@ -183,18 +172,17 @@ def _unknown(file: Path, robot: Robot, k: int, table: Any) -> UnknownLoad | Cont
 
 
 def _measurement(file: Path, robot: Robot, k: int, table: Any) -> Measurement:
-    from .force_schemas import MEASUREMENT_SCHEMAS
+    from .force_schemas import MEASUREMENT_TABLES, measurement_schemas
 
-    kinds: dict[str, Callable[..., Measurement]] = {
-        "points": lambda **own: _points(file, **own),
-        "tip_position": lambda **own: PositionMeasurement(None, **own),
-        "tip_direction": lambda **own: TangentMeasurement(None, **own),
-        "tip_pose": _tip_pose,
-        "curvatures": lambda **own: _curvatures(file, **own),
-        "torque": TorqueMeasurement,
-        "force": ForceMeasurement,
-    }
-    return _made(file, robot, f"measurements[{k}]", table, MEASUREMENT_SCHEMAS, kinds)
+    kinds = {kind: partial(_read, file.parent, described) for kind, described in MEASUREMENT_TABLES.items()}
+    return _made(file, robot, f"measurements[{k}]", table, measurement_schemas(), kinds)
+
+
+def _read(folder: Path, described: Table, **entries: Any) -> Measurement:
+    """The measurement that entries of a table describe, and the columns of the file that it names."""
+    if not described.needed:
+        return described.make(**entries)
+    return described.make(read_columns(folder / entries.pop("file"), described.needed, described.optional), **entries)
 
 
 def _made(
@@ -222,29 +210,4 @@ def _prior(**given: Any) -> tuple[Any, Any]:
         return given["mean"], given["sigma"]
     mean = [given.get(f"{name}_mean", 0.0) for name in ("force", "moment")]
     sigma = [given[f"{name}_sigma"] for name in ("force", "moment")]
-    return _six(*mean), _six(*sigma)
-
-
-def _six(first: Any, last: Any) -> Array:
-    """Three numbers, or one for all three, and three others."""
-    return np.concatenate((np.broadcast_to(first, 3), np.broadcast_to(last, 3)))
-
-
-def _tip_pose(pose: Any, position_sigma: Any, rotation_sigma: Any, tube: int | None = None) -> Measurement:
-    place = None if tube is None else Distal(tube)
-    return PoseMeasurement(place, pose, _six(position_sigma, rotation_sigma), tube)
-
-
-def _points(beside: Path, file: str, sigma: Any, ordered: bool = False) -> Measurement:
-    columns = read_columns(beside.parent / file, _POINTS, {"s": "m"})
-    points = np.column_stack([columns[axis] for axis in "xyz"])
-    if "s" not in columns:
-        return BackboneMeasurement(points, sigma, ordered=ordered)
-    if ordered:
-        raise DefinitionError("ordered is for points whose arc lengths nobody knows, but the table has a column s")
-    return PositionMeasurement(columns["s"], points, sigma)
-
-
-def _curvatures(beside: Path, file: str, sigma: Any, tube: int = 0) -> Measurement:
-    columns = read_columns(beside.parent / file, _CURVATURES)
-    return CurvatureMeasurement(columns["s"], np.column_stack((columns["u_x"], columns["u_y"])), sigma, tube)
+    return six(*mean), six(*sigma)

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any, cast
+
 from marshmallow import fields
 
+from ..estimation.measurements import MEASUREMENTS
+from ..estimation.measurements.kind import Entry, Table
 from .schemas import ActuationSchema, Quantity, SourceSchema, Strict, plain_text
 
 
@@ -91,68 +96,6 @@ class DistributedForceSchema(Strict):
     bounds = Quantity("N/m", 2)
 
 
-class PointsSchema(Strict):
-    """``kind = "points"``: a CSV file with columns ``x, y, z`` and, unless nobody knows them, arc lengths ``s``."""
-
-    kind = plain_text()
-    file = plain_text(required=True)
-    sigma = Quantity("m", 3, scalar_too=True, required=True)
-    ordered = fields.Bool()
-
-
-class TipPositionSchema(Strict):
-    """``kind = "tip_position"``."""
-
-    kind = plain_text()
-    position = Quantity("m", 3, required=True)
-    sigma = Quantity("m", 3, scalar_too=True, required=True)
-
-
-class TipDirectionSchema(Strict):
-    """``kind = "tip_direction"``: the tangent at the tip."""
-
-    kind = plain_text()
-    direction = Quantity("1", 3, required=True)
-    sigma = Quantity("rad", required=True)
-
-
-class TipPoseSchema(Strict):
-    """``kind = "tip_pose"``: position, m, and orientation of a tube's end, as a matrix."""
-
-    kind = plain_text()
-    pose = Quantity("1", 4, 4, required=True)
-    position_sigma = Quantity("m", 3, scalar_too=True, required=True)
-    rotation_sigma = Quantity("rad", 3, scalar_too=True, required=True)
-    tube = fields.Raw()
-
-
-class CurvaturesSchema(Strict):
-    """``kind = "curvatures"``: a CSV file with columns ``s, u_x, u_y`` of a tube, as of a fibre in it."""
-
-    kind = plain_text()
-    file = plain_text(required=True)
-    sigma = Quantity("1/m", 2, scalar_too=True, required=True)
-    tube = fields.Raw()
-
-
-class TorqueSchema(Strict):
-    """``kind = "torque"`` of a tube's actuator."""
-
-    kind = plain_text()
-    tube = fields.Raw(required=True)
-    torque = Quantity("N*m", required=True)
-    sigma = Quantity("N*m", required=True)
-
-
-class ActuatorForceSchema(Strict):
-    """``kind = "force"`` of a tube's actuator."""
-
-    kind = plain_text()
-    tube = fields.Raw(required=True)
-    force = Quantity("N", required=True)
-    sigma = Quantity("N", required=True)
-
-
 class MeasuredActuationSchema(ActuationSchema):
     """``[actuation]`` of a force problem, which may be known with errors only."""
 
@@ -207,12 +150,27 @@ UNKNOWN_LOAD_SCHEMAS = {
     "contacts": ContactsSchema,
     "distributed_force": DistributedForceSchema,
 }
-MEASUREMENT_SCHEMAS = {
-    "points": PointsSchema,
-    "tip_position": TipPositionSchema,
-    "tip_direction": TipDirectionSchema,
-    "tip_pose": TipPoseSchema,
-    "curvatures": CurvaturesSchema,
-    "torque": TorqueSchema,
-    "force": ActuatorForceSchema,
-}
+MEASUREMENT_TABLES = {table.kind: table for kind in MEASUREMENTS for table in kind.tables()}
+"""What describes a measurement in a file, by its ``kind``."""
+
+
+@cache
+def measurement_schemas() -> dict[str, type[Strict]]:
+    """The schemas of these tables."""
+    return {kind: _schema(table) for kind, table in MEASUREMENT_TABLES.items()}
+
+
+def _schema(table: Table) -> type[Strict]:
+    own: dict[str, fields.Field[Any]] = {"kind": plain_text()}
+    if table.needed:
+        own["file"] = plain_text(required=True)
+    own |= {name: _field(entry) for name, entry in table.entries.items()}
+    return cast("type[Strict]", Strict.from_dict(own, name=f"{table.kind}_table"))
+
+
+def _field(entry: Entry) -> fields.Field[Any]:
+    if entry.unit == "tube":
+        return fields.Raw(required=entry.required)
+    if entry.unit == "flag":
+        return fields.Bool(required=entry.required)
+    return Quantity(entry.unit, *entry.shape, scalar_too=entry.scalar_too, required=entry.required)

@@ -17,7 +17,8 @@ from ..estimation.comparison import Comparison
 from ..estimation.compiled_model import euler_rates
 from ..estimation.experiment import Experiment
 from ..estimation.losses import Loss
-from ..estimation.measurements import Measurement, Somewhere, arc_length_of
+from ..estimation.measurements import Measurement
+from ..estimation.measurements.kind import Somewhere, arc_length_of
 from ..estimation.places import nearest, orders
 from ..forward.equilibrium import Equilibrium
 from ..layout.configuration import Configuration

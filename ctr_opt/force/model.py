@@ -15,7 +15,7 @@ import numpy as np
 from ..checks import Array
 from ..errors import EstimationError
 from ..estimation.compiled_model import asked, compilable, of_probes, predicted, probe_of, probed
-from ..estimation.measurements import Found, Request, Somewhere, Stacked
+from ..estimation.measurements.kind import PredictionList, Request, Somewhere, Stacked
 from ..estimation.symbolic_model import GroupModel
 from ..layout.configuration import Configuration
 from ..loads.wrenches import Load
@@ -31,7 +31,7 @@ class Told:
 
     residual: Array
     slopes: Array
-    predictions: Found
+    predictions: PredictionList
 
 
 class LoadedModel(Protocol):
@@ -103,7 +103,7 @@ class _Compiled:
         told = self._model.at(z[None], **self._asked)
         if told.failed[0]:
             raise EstimationError("compiled code refused these loads: its steps cannot be laid out")
-        found: Found
+        found: PredictionList
         if self._alike:
             found = Stacked(*of_probes(self._requests[0].kind, told))
         else:

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 import ctr_opt as ctr
 from ctr_opt.calibration.plot import plot_ellipse
-from ctr_opt.calibration.report import point_errors
+from ctr_opt.calibration.report import sizes_by_place
+from ctr_opt.estimation.measurements.kind import POINTS
 from ctr_opt.files.figures import save_figure
 
 RJW = Path(__file__).resolve().parents[2] / "problems" / "rjw_s1"
@@ -29,7 +30,7 @@ def main(path):
     figure = Figure(figsize=(10.5, 3.6), layout="constrained")
     before, after, ellipse = figure.subplots(1, 3)
     after.sharey(before)
-    errors = [1e3 * point_errors(each)["tip"] for each in (nominal, fit)]
+    errors = [1e3 * sizes_by_place(each, POINTS)["tip"] for each in (nominal, fit)]
     bins = np.arange(0.0, 17.0, 0.5)
     for ax, sizes, title in zip((before, after), errors, ("nominal", "calibrated, sum of distances"), strict=True):
         ax.hist(sizes, bins, color="#0072B2", edgecolor="white")

@@ -1,0 +1,121 @@
+"""A measured pose of a tube's material frame, or of a sensor on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ...checks import Array, array, index
+from ...errors import DefinitionError
+from .kind import (
+    DIRECTIONS,
+    POINTS,
+    Distal,
+    Entry,
+    Measurement,
+    Place,
+    PredictionList,
+    Request,
+    Table,
+    place,
+    sensor_name,
+    six,
+    vector_sigma,
+)
+
+
+def _pose(value: Any) -> Array:
+    return array(value, "pose", (4, 4))
+
+
+@attrs.frozen(eq=False, slots=False)
+class PoseMeasurement(Measurement):
+    """A measured pose, as of an electromagnetic sensor: position and orientation of a tube's material frame.
+
+    Parameters
+    ----------
+    arc_length
+        As in :class:`PositionMeasurement`, one place.
+    pose
+        ``(4, 4)``, world frame.
+    sigma
+        Standard deviations ``(6,)`` of position (m) and rotation (rad, about the world's axes), a covariance
+        ``(6, 6)``, or None.
+    tube
+        Whose frame it is; None: the innermost tube's that is there.
+    sensor
+        As in :class:`PositionMeasurement`: the pose is that of a sensor on the tube.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> PoseMeasurement(None, np.eye(4), sigma=[1e-3] * 3 + [0.01] * 3).shape
+    (1, 6)
+    """
+
+    arc_length: tuple[Place, ...] = attrs.field(converter=place)
+    pose: Array = attrs.field(converter=_pose)
+    sigma: Any = None
+    tube: int | None = None
+    sensor: str | None = attrs.field(default=None, converter=sensor_name)
+
+    one_unit = False
+    parts = (POINTS, DIRECTIONS)
+
+    def __attrs_post_init__(self) -> None:
+        if self.tube is not None:
+            object.__setattr__(self, "tube", index(self.tube, "tube"))
+        if np.abs(self.pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+            raise DefinitionError(f"pose: the last row {self.pose[3].tolist()} must be [0, 0, 0, 1]")
+        frame = self.pose[:3, :3]
+        if np.abs(frame.T @ frame - np.eye(3)).max() > 1e-6 or np.linalg.det(frame) < 0.0:
+            raise DefinitionError("pose: the upper left 3 x 3 block is no rotation (allowed: 1e-6)")
+        _ = self.whitener
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """The pose."""
+        return (Request("pose", self.arc_length[0], self.tube, self.sensor),)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Six numbers."""
+        return 1, 6
+
+    @classmethod
+    def tables(cls) -> tuple[Table, ...]:
+        """Of a tube's end."""
+        entries = {
+            "pose": Entry("1", (4, 4)),
+            "position_sigma": vector_sigma("m"),
+            "rotation_sigma": vector_sigma("rad"),
+        }
+        return (Table("tip_pose", entries | {"tube": Entry("tube", required=False)}, _at_end),)
+
+    @staticmethod
+    def compare(measured: Sequence[PoseMeasurement], predictions: PredictionList) -> tuple[Array, Array]:
+        """Difference of positions, and the rotation vector from the measured to the predicted frame."""
+        from scipy.spatial.transform import Rotation
+
+        value, slopes = predictions[0].value, predictions[0].slopes
+        poses = np.array([one.pose for one in measured])
+        turned = Rotation.from_matrix(value[:, :, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)).as_rotvec()
+        rates = np.concatenate((slopes[:, :3], inverse_left_jacobian(turned) @ slopes[:, 3:]), axis=1)
+        return np.hstack((value[:, :, 3] - poses[:, :3, 3], turned))[:, None], rates[:, None]
+
+
+def inverse_left_jacobian(vectors: Array) -> Array:
+    """Takes angular velocities to the rates of rotation vectors ``(E, 3)``: ``d log(R)`` of ``dR = hat(w) R``."""
+    angle = np.linalg.norm(vectors, axis=1)
+    small = angle < 1e-4  # the series' next term is below 1e-18
+    safe = np.where(small, 1.0, angle)
+    factor = np.where(small, 1.0 / 12.0 + angle**2 / 720.0, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
+    hat = np.swapaxes(np.cross(vectors[:, None], np.eye(3)), 1, 2)
+    return np.asarray(np.eye(3) - 0.5 * hat + factor[:, None, None] * hat @ hat)
+
+
+def _at_end(pose: Any, position_sigma: Any, rotation_sigma: Any, tube: int | None = None) -> Measurement:
+    return PoseMeasurement(None if tube is None else Distal(tube), pose, six(position_sigma, rotation_sigma), tube)

@@ -1,0 +1,103 @@
+"""A measured direction of the backbone's tangent, or of a sensor's axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ...checks import Array, array
+from ...errors import DefinitionError
+from .kind import DIRECTIONS, Entry, Measurement, Place, PredictionList, Request, Table, place, sensor_name
+
+
+def _direction(value: Any) -> Array:
+    return array(value, "direction", (3,))
+
+
+@attrs.frozen(eq=False, slots=False)
+class TangentMeasurement(Measurement):
+    """A measured direction of the backbone's tangent, as of a sensor with five degrees of freedom.
+
+    Parameters
+    ----------
+    arc_length
+        As in :class:`PositionMeasurement`, one place.
+    direction
+        ``(3,)``, world frame, of any length.
+    sigma
+        Standard deviation of the angle, rad, about every axis across the tangent; or None.
+    sensor
+        As in :class:`PositionMeasurement`: the direction is that of the z axis of a sensor on the tube.
+
+    Examples
+    --------
+    >>> TangentMeasurement(None, [0.0, 0.0, 2.0], sigma=0.01).direction.tolist()
+    [0.0, 0.0, 1.0]
+    """
+
+    arc_length: tuple[Place, ...] = attrs.field(converter=place)
+    direction: Array = attrs.field(converter=_direction)
+    sigma: float | None = None
+    sensor: str | None = attrs.field(default=None, converter=sensor_name)
+
+    parts = (DIRECTIONS,)
+
+    def __attrs_post_init__(self) -> None:
+        size = float(np.linalg.norm(self.direction))
+        if size == 0.0:
+            raise DefinitionError("direction = [0, 0, 0] must not be zero")
+        if self.sigma is not None and np.ndim(self.sigma):
+            raise DefinitionError(f"sigma = {self.sigma!r} must be a number, of every axis across the tangent")
+        object.__setattr__(self, "direction", self.direction / size)
+        _ = self.whitener
+
+    @cached_property
+    def _across(self) -> Array:
+        """Two axes across the measured direction, ``(2, 3)``."""
+        return np.asarray(np.linalg.svd(self.direction[None])[2][1:])
+
+    @property
+    def requests(self) -> tuple[Request, ...]:
+        """The pose."""
+        return (Request("pose", self.arc_length[0], sensor=self.sensor),)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Two angles."""
+        return 1, 2
+
+    @classmethod
+    def tables(cls) -> tuple[Table, ...]:
+        """Of the tip."""
+        entries = {"direction": Entry("1", (3,)), "sigma": Entry("rad")}
+        return (Table("tip_direction", entries, partial(cls, None)),)
+
+    @staticmethod
+    def compare(measured: Sequence[TangentMeasurement], predictions: PredictionList) -> tuple[Array, Array]:
+        """The predicted tangent across the measured one, scaled to the angle between them, and derivatives."""
+        tangent, slopes = predictions[0].value[:, :, 2], predictions[0].slopes[:, 3:]
+        axes = np.array([one._across for one in measured])
+        direction = np.array([one.direction for one in measured])[:, None]
+        moved = np.cross(slopes, tangent[:, :, None], axis=1)
+        across, of_across = (axes @ tangent[..., None])[..., 0], axes @ moved
+        along = np.sum(direction[:, 0] * tangent, axis=1)
+        sine = np.linalg.norm(across, axis=1)
+        near = (sine < 1e-6) & (along > 0.0)  # the angle is the sine, up to its third power
+        far = (sine < 1e-6) & ~near  # the opposite direction, half a turn about any axis
+        angle, sine = np.arctan2(sine, along), np.maximum(sine, 1e-6)
+        unit = np.where(far[:, None], [1.0, 0.0], across / sine[:, None])[:, None]
+        of_sine = unit @ of_across
+        of_angle = _factors(along) * of_sine - _factors(sine) * (direction @ moved)
+        bend = np.swapaxes(unit, 1, 2)
+        change = bend * of_angle + _factors(angle / sine) * (of_across - bend * of_sine)
+        values = np.where(near[:, None, None], across[:, None], angle[:, None, None] * unit)
+        return values, np.where(near[:, None, None], of_across, change)[:, None]
+
+
+def _factors(numbers: Array) -> Array:
+    """A number of each experiment, as a factor of its matrix."""
+    return numbers[:, None, None]
