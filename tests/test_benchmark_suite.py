@@ -69,6 +69,7 @@ def test_the_reference_solver_refuses_what_it_cannot_do():
         reference.solve(tubes, ([0.0, 0.0], [0.0, 0.0]), UNLOADED)
 
 
+@pytest.mark.slow
 def test_the_suite_runs_and_all_that_it_times_is_exact(capsys, tmp_path):
     rows = main(["--quick", "--figure", str(tmp_path / "figure.png")])
     printed = capsys.readouterr().out

@@ -18,6 +18,8 @@ FIGURES = {
 } | {path.stem: path for path in (EXAMPLES / "figures").glob("*.py")}
 DOCS = EXAMPLES.parent / "docs" / "figures"
 
+LONG = ("calibrate_from_tip_poses", "calibration")  # nine seconds each
+
 
 def run(script, *arguments, folder):
     package = os.pathsep.join(path for path in (str(EXAMPLES.parent), os.environ.get("PYTHONPATH")) if path)
@@ -31,7 +33,12 @@ def run(script, *arguments, folder):
 
 
 @pytest.mark.parametrize(
-    "script", [path for path in SCRIPTS if path not in FIGURES.values()], ids=lambda path: path.stem
+    "script",
+    [
+        pytest.param(path, marks=pytest.mark.slow if path.stem in LONG else (), id=path.stem)
+        for path in SCRIPTS
+        if path not in FIGURES.values()
+    ],
 )
 def test_example_runs(script, tmp_path):
     assert run(script, folder=tmp_path)

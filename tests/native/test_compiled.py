@@ -46,7 +46,7 @@ def random_case(rng, n, **options):
     return robot, actuation, constant(loads)
 
 
-@pytest.mark.parametrize("tubes", [1, 2, 3, 4])
+@pytest.mark.parametrize("tubes", [1, 2, 3, pytest.param(4, marks=pytest.mark.slow)])
 def test_cold_answers_are_those_of_the_virtual_machine(tubes):
     """The answers differ by what 1e-9 of the length, and 1e-10 in the tip conditions, moves the shape."""
     rng = np.random.default_rng(100 + tubes)

@@ -37,7 +37,7 @@ def predicted(robot, actuation, loads, wanted, places, z):
     return told_by_both(robot, actuation, loads, wanted, measured, z)
 
 
-@pytest.mark.parametrize(("tubes", "body"), [(1, False), (3, False), (2, True)])
+@pytest.mark.parametrize(("tubes", "body"), [(1, False), pytest.param(3, False, marks=pytest.mark.slow), (2, True)])
 def test_both_models_tell_the_same(tubes, body):
     """At the entry, at loads and where they begin and end, at break points, ends and the tip; away from equilibrium."""
     robot, rng = small_robot(tubes), np.random.default_rng(tubes)

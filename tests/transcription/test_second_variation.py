@@ -182,6 +182,7 @@ def some_of_each():
     yield from list(several(soft(1, rng), rng))[:1]
 
 
+@pytest.mark.slow
 def test_a_hessian_by_differences_agrees():
     """Energy, kinematics and basis are the test's own. They miss kinks at tube ends, but little of a saddle."""
     seen = set()
