@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
-from ctr_opt.mechanics.fields import DEAD
+from ctr_opt.mechanics.kind import DEAD
 from ctr_opt.native.compiler import required
 from ctr_opt.native.generate import library_source
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks import Array
 from ..layout.configuration import Configuration
-from ..mechanics.fields import LoadKind
+from ..mechanics.kind import Kind
 from ..robot.actuation import Actuation
 from ..solvers.newton import System
 from ..transcription.shooting import Shooting
@@ -29,7 +29,7 @@ class Route:
     integrator: str
 
     @property
-    def kind(self) -> LoadKind:
+    def kind(self) -> Kind:
         """What provides for the loads of both ends."""
         return self.start.kind.joined(self.target.kind)
 

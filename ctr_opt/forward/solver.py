@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration
 from ..loads.wrenches import LOADS, Load
+from ..mechanics.kind import DEAD, Kind, constant_kind
 from ..native.library import library
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
@@ -25,31 +26,28 @@ class ForwardSolver:
         self.settings = settings
         self._compilable = compiled is not False and settings.compilable
         self._requested = False
-        self._compiled: dict[bool, CompiledProblem] = {}
+        self._compiled: dict[Kind, CompiledProblem] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_compiled": {}}  # libraries are of this process
 
     def compile(self) -> None:
         """Compile the solver for this number of tubes if it is not cached; raises ``CompilationError``."""
-        library(len(self.robot.tubes), False).built()
+        library(len(self.robot.tubes), DEAD).built()
         self._requested = True
 
     def compiled_for(self, loads: Iterable[Load]) -> CompiledProblem | None:
         """The compiled solver for such loads; None where there is none, or it is not wanted."""
         if not self._compilable:
             return None
-        body = False
-        for load in loads:
-            if getattr(load, "frame", None) == "body":
-                body = True
-        problem = self._compiled.get(body)
+        kind = constant_kind(loads)
+        problem = self._compiled.get(kind)
         if problem is None:
-            kept = library(len(self.robot.tubes), body)
+            kept = library(len(self.robot.tubes), kind)
             native = kept.built() if self._requested else kept.ready()
             if native is None:
                 return None
-            problem = self._compiled[body] = CompiledProblem(self.robot, self.settings, native)
+            problem = self._compiled[kind] = CompiledProblem(self.robot, self.settings, native)
         return problem
 
     def configuration(self, actuation: Actuation, loads: tuple[Load, ...]) -> Configuration:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..checks import Array
 from ..mechanics.boundary import Entry
-from ..mechanics.fields import DEAD, LoadKind
+from ..mechanics.kind import DEAD, Kind
 from ..mechanics.rod import Local
 from ..mechanics.state import State, slices
 from .configuration import Configuration, Scales
@@ -28,7 +28,7 @@ class StepColumns:
 
     tubes: int
     nodes: int
-    kind: LoadKind = DEAD
+    kind: Kind = DEAD
 
     @cached_property
     def _inner(self) -> LoadColumns:
@@ -146,7 +146,7 @@ class EntryColumn:
     """Order of the data at the entry point: those of ``mechanics.boundary.Entry``, and the point load there."""
 
     tubes: int
-    kind: LoadKind = DEAD
+    kind: Kind = DEAD
 
     @cached_property
     def _point(self) -> LoadColumns:

@@ -20,7 +20,8 @@ from ..errors import DefinitionError
 from ..loads.fields import ExpressionLoad, PotentialLoad
 from ..loads.gravity import DistributedMass, Gravity, PointMass
 from ..loads.wrenches import LOADS, DistributedLoad, Load, LoadTable, PointWrench
-from ..mechanics.fields import Field, LoadKind
+from ..mechanics.fields import Field
+from ..mechanics.kind import Kind
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .ends import Ends
@@ -122,7 +123,7 @@ class Configuration:
         self.break_points = self._break_points()
         self.point_loads = [(self._nearest_break(s), tube, load) for s, tube, load in self.point_loads]
         self.point_fields = [(self._nearest_break(s), field, factor) for s, field, factor in self.point_fields]
-        self.kind = LoadKind(
+        self.kind = Kind(
             any(isinstance(load, (PointWrench, DistributedLoad)) and load.frame == "body" for load in self.loads),
             tuple(dict.fromkeys([f for _, f, _ in self.point_fields] + [f for _, _, f, _ in self.distributed_fields])),
         )

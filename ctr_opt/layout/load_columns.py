@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from ..checks import Array
-from ..mechanics.fields import LoadKind, in_world, material_frame
+from ..mechanics.fields import in_world, material_frame
+from ..mechanics.kind import Kind
 from ..mechanics.state import State
 from .configuration import LoadValues, Scales
 
@@ -24,7 +25,7 @@ class LoadColumns:
 
     tubes: int
     nodes: int
-    kind: LoadKind
+    kind: Kind
     prefix: str = ""
 
     @property

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..checks import Array
-from ..mechanics.fields import LoadKind
+from ..mechanics.kind import Kind
 from ..mechanics.so3 import quaternion_of_angles, quaternion_product
 from .columns import EntryColumn, StepColumns
 from .ordering import Order
@@ -30,7 +30,7 @@ class Sample:
 class ParametricColumns:
     """Columns of a parametric robot whose break points stand in an order."""
 
-    def __init__(self, parametric: Parametric, order: Order, kind: LoadKind) -> None:
+    def __init__(self, parametric: Parametric, order: Order, kind: Kind) -> None:
         self.parametric = parametric
         self.order = order
         self.kind = kind

@@ -53,28 +53,6 @@ class Field:
         return force, moment
 
 
-@attrs.frozen
-class LoadKind:
-    """What the symbolic functions must provide for: loads in tubes' frames (``body``), and ``fields``."""
-
-    body: bool = False
-    fields: tuple[Field, ...] = ()
-
-    @property
-    def live(self) -> bool:
-        """Whether loads depend on the shape, so that the force at the entry point is unknown."""
-        return self.body or bool(self.fields)
-
-    def joined(self, other: LoadKind) -> LoadKind:
-        """What provides for both."""
-        fields = dict.fromkeys((*self.fields, *other.fields))
-        return LoadKind(self.body or other.body, tuple(fields))
-
-
-DEAD = LoadKind()
-"""Dead loads only."""
-
-
 def material_frame(orientation: Any, angle: Any) -> Any:
     """``R Rz(psi_i)``, 3 x 3."""
     return rotation_matrix(orientation) @ _about_tangent(angle)

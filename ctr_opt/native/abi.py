@@ -17,8 +17,9 @@ from typing import Any
 import attrs
 
 from ..mechanics.boundary import tip_rows
-from ..mechanics.fields import LoadKind
+from ..mechanics.kind import Kind
 from ..mechanics.state import State, slices
+from .routines import enum
 
 _INT, _DOUBLE = ctypes.c_int, ctypes.c_double
 DOUBLES, INTS, ROOM = ctypes.POINTER(_DOUBLE), ctypes.POINTER(_INT), ctypes.c_void_p
@@ -213,7 +214,7 @@ class Sizes:
     unknowns: int
 
     @classmethod
-    def of(cls, tubes: int, kind: LoadKind) -> Sizes:
+    def of(cls, tubes: int, kind: Kind) -> Sizes:
         """Those of a number of tubes and a kind of loads."""
         return cls(State.size(tubes), len(tip_rows(tubes, kind.live)))
 
@@ -240,7 +241,7 @@ class Sizes:
         """C text: where the blocks of results begin, and the parts of ``start``."""
         parts = {f"START_{name.upper()}": part.start for name, part in self.start.items()}
         rows = [f"#define RESULT_{name.upper()}(n) ({a} + {b} * (n))\n" for name, (a, b) in self._blocks.items()]
-        return "".join(rows) + _enum(parts)
+        return "".join(rows) + enum(parts)
 
     @property
     def expected(self) -> list[int]:
@@ -253,7 +254,7 @@ class Sizes:
 def declarations() -> str:
     """C text: structures, enumerations and prototypes."""
     parts = [_struct(struct) for struct in _STRUCTS]
-    parts += [_enum({f"{prefix}{each.name}": each.value for each in table}) for prefix, table in _ENUMS.items()]
+    parts += [enum({f"{prefix}{each.name}": each.value for each in table}) for prefix, table in _ENUMS.items()]
     parts += [f"enum {{ DIRECTIONS = {len(By)} }};\n", *(f"EXPORT int {n}({a});\n" for n, a in FUNCTIONS.items())]
     fields = [f"offsetof({each.__name__}, {name})" for each in _STRUCTS for name, *_ in each._fields_]
     values = ["NX", "NZ", "RESULT_SIZE(1)", *(f"sizeof({each.__name__})" for each in _STRUCTS), *fields]
@@ -275,10 +276,6 @@ def _declared(kind: Any, name: str) -> str:
     if hasattr(kind, "contents"):
         return f"const {_declared(kind._type_, f'*{name}')}"
     return f"{ {_INT: 'int', _DOUBLE: 'double'}.get(kind, kind.__name__) } {name}"
-
-
-def _enum(values: Mapping[str, int]) -> str:
-    return f"enum {{ {', '.join(f'{name} = {value}' for name, value in values.items())} }};\n"
 
 
 def _answer_of() -> str:

@@ -74,7 +74,7 @@ static void add_riding(const Lanes *lanes, int at, int tube, double sign, Place 
     const SpanLoad *load = span_load(layout, k);
     const double unit = sign * layout->length / force_scale(layout);
     if (!isnan(load->ends[1]) || (int)load->tube != tube || layout->of_span[2 * k + 1] != at) continue;
-    if (BODY && load->frame != 0.0) continue;
+    if (turning(load->frame)) continue;
     add3(place->data + DATA_FORCE, load->force, unit);
     for (int n = 0; n < lanes->blocks * BLOCK; n++) {
       const Lane lane = lanes->lane[n];

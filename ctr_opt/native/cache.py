@@ -2,7 +2,8 @@
 
 An entry is a library and beside it a record: the key of what it was built from, and the digest of its bytes. Both are
 written under other names and then renamed, so a process killed at any moment leaves no half of a file under an entry's
-name; and whatever else may have happened to the files, nothing is loaded that does not match its record.
+name; and whatever else may have happened to the files, nothing is loaded that does not match its record. A note tells
+which text was written from an origin, for text that takes longer to write than its library takes to load.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ DIRECTORY = "CTR_OPT_CACHE"  # environment variable: where libraries are kept in
 _KEPT = 90 * 86400.0  # seconds for which an unused entry is kept
 _PATIENCE = 150.0  # seconds to wait for another process to compile, longer than a compilation may take
 _KEY_LETTERS = 32  # of the key are in an entry's name
-_OURS = re.compile(rf"\w+-[0-9a-f]{{{_KEY_LETTERS}}}\.(so|dll|record|lock)(\..*\.tmp)?")
+_OURS = re.compile(rf"\w+-[0-9a-f]{{{_KEY_LETTERS}}}\.(so|dll|record|lock|note)(\..*\.tmp)?")
 
 
 @attrs.frozen
@@ -84,6 +85,21 @@ class Entry:
         _write(self.record, self._told(content))
         _prune(self.directory)
         return ctypes.CDLL(str(self.library))
+
+    def recall(self) -> str | None:
+        """What was noted under this key, one word; None if nothing was, or what is there is no such note."""
+        path = self._path(".note")
+        try:
+            note = re.fullmatch(rf"key {self.key}\nnote (\w+)\n", _read(path).decode())
+            with suppress(OSError):
+                os.utime(path)
+        except (OSError, UnicodeDecodeError):
+            return None
+        return note[1] if note else None
+
+    def remember(self, word: str) -> None:
+        """Note a word under this key; raises ``OSError`` if it cannot be written."""
+        _write(self._path(".note"), f"key {self.key}\nnote {word}\n".encode())
 
     def _told(self, content: bytes) -> bytes:
         return f"key {self.key}\nsha256 {hashlib.sha256(content).hexdigest()}\n".encode()

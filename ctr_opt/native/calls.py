@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import CompilationError
 from ..loads.gravity import DistributedMass, Gravity, PointMass
 from ..loads.wrenches import DistributedLoad, Load, PointWrench
-from ..mechanics.fields import LoadKind
+from ..mechanics.kind import Kind
 from ..robot.robot import Robot
 from . import abi
 
@@ -157,7 +157,7 @@ class Native:
         The library was not made for this table.
     """
 
-    def __init__(self, library: ctypes.CDLL, tubes: int, kind: LoadKind) -> None:
+    def __init__(self, library: ctypes.CDLL, tubes: int, kind: Kind) -> None:
         self.library, self.sizes = library, abi.Sizes.of(tubes, kind)
         expected = self.sizes.expected
         numbers = (ctypes.c_int * len(expected))()

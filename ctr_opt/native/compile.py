@@ -12,14 +12,11 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
-
 from ..errors import CompilationError as CompilationError
-from ..version import __version__
 from .cache import DIRECTORY, Entry, cache_directory
 from .compiler import FLAGS, TUNINGS, leaving, private_directory, required, switched_off
 from .compiler import Compiler as Compiler
@@ -31,20 +28,40 @@ _loaded: dict[str, ctypes.CDLL] = {}  # by key
 _said: dict[str, object] = {}
 
 
-def load(name: str, source: str | Callable[[], str], content: str | None = None) -> ctypes.CDLL:
+class Source:
+    """C text, or a function that writes it, which is called only where the text must be seen.
+
+    Parameters
+    ----------
+    text
+        C11, with the functions to call exported; or what writes it.
+    origin
+        A digest of everything that the text is written from. The cache notes which text came of it: where it is noted,
+        a library is loaded without writing the text.
+    """
+
+    def __init__(self, text: str | Callable[[], str], origin: str | None = None) -> None:
+        self._text, self.origin = text, origin
+
+    @cached_property
+    def text(self) -> str:
+        """The text, written now if need be."""
+        return self._text if isinstance(self._text, str) else self._text()
+
+
+def load(name: str, source: Source | str) -> ctypes.CDLL:
     """The library compiled from C ``source``: from this process, from the cache on disk, or compiled now.
 
-    Of processes that start at once one compiles, and the others wait for it. A cache that cannot be used or trusted
-    is done without, which is logged once.
+    A library depends on its text, the compiler and the machine; equal text is never compiled again. Of processes that
+    start at once one compiles, and the others wait for it. A cache that cannot be used or trusted is done without,
+    which is logged once.
 
     Parameters
     ----------
     name
         A word for the file's name, to tell entries apart when looking at them.
     source
-        C11, with the functions to call exported; or a function that writes it, called where it must be compiled.
-    content
-        What tells this source from others, needed with a function; default: the source itself.
+        The text, or what writes it.
 
     Raises
     ------
@@ -57,54 +74,53 @@ def load(name: str, source: str | Callable[[], str], content: str | None = None)
     ...     library = load("answer", "int answer(void) { return 42; }")
     ...     assert library.answer() == 42
     """
-    found = required()
-    key = _key(_content(source, content), found)
-    if key not in _loaded:
-        _loaded[key] = _load(name, key, source, found)
-    return _loaded[key]
+    found, source = required(), source if isinstance(source, Source) else Source(source)
+    library = kept(name, source)
+    if library is None:
+        digest = _digest(source.text)
+        key = _key(digest, found)
+        if key not in _loaded:
+            _loaded[key] = _load(name, key, source.text, found)
+        library = _loaded[key]
+        if source.origin is not None:
+            with suppress(OSError):
+                Entry(cache_directory(), name, source.origin).remember(digest)
+    return library
 
 
-def kept(name: str, content: str) -> ctypes.CDLL | None:
-    """The library of this content if it was compiled before; nothing is compiled, written or logged."""
+def kept(name: str, source: Source) -> ctypes.CDLL | None:
+    """The library of what was written from this origin, if it was compiled before.
+
+    Nothing is written, compiled or logged.
+    """
     found = compiler()
-    if found is None:
+    if found is None or source.origin is None:
         return None
-    key = _key(content, found)
-    if key not in _loaded:
-        try:
+    try:
+        digest = Entry(cache_directory(), name, source.origin).recall()
+        key = None if digest is None else _key(digest, found)
+        if key is not None and key not in _loaded:
             library = Entry(cache_directory(), name, key).load()
-        except OSError:
-            return None
-        if library is None:
-            return None
-        _loaded[key] = library
-    return _loaded[key]
+            if library is not None:
+                _loaded[key] = library
+    except OSError:
+        return None
+    return None if key is None else _loaded.get(key)
 
 
-def _content(source: str | Callable[[], str], content: str | None) -> str:
-    if content is not None:
-        return content
-    assert isinstance(source, str)
-    return source
-
-
-def _load(name: str, key: str, source: str | Callable[[], str], found: Compiler) -> ctypes.CDLL:
+def _load(name: str, key: str, text: str, found: Compiler) -> ctypes.CDLL:
     try:
         entry = Entry(cache_directory(), name, key)
         library = entry.load()
     except OSError as error:
         entry, library = None, None
         _cannot_keep(error)
-    return library or _build(entry, source, found)
+    return library or _build(entry, text, found)
 
 
-def _build(entry: Entry | None, source: str | Callable[[], str], found: Compiler) -> ctypes.CDLL:
+def _build(entry: Entry | None, text: str, found: Compiler) -> ctypes.CDLL:
     """Compile in a private directory, into which no other process looks, and keep the result if possible."""
     built = None
-
-    def build() -> Path:
-        return found.build(source if isinstance(source, str) else source(), directory)
-
     with private_directory() as directory:
         if entry is not None:
             try:
@@ -112,11 +128,11 @@ def _build(entry: Entry | None, source: str | Callable[[], str], found: Compiler
                     library = entry.load()  # another process may have built it meanwhile
                     if library is not None:
                         return library
-                    built = build()
+                    built = found.build(text, directory)
                     return entry.store(built)
             except OSError as error:
                 _cannot_keep(error)
-        built = built or build()
+        built = built or found.build(text, directory)
         try:
             return ctypes.CDLL(str(built))  # stays loaded when its file is removed
         except OSError as error:
@@ -127,11 +143,17 @@ def _cannot_keep(error: OSError) -> None:
     _warn_once(f"compiled code is not kept for the next time: {error}; {DIRECTORY} names another directory")
 
 
-def _key(source: str, found: Compiler) -> str:
-    """Digest of all that the library depends on; the tuning chosen follows from compiler and processor."""
-    parts: list[Any] = [source, found.command, found.version, FLAGS, TUNINGS, ca.CasadiMeta.version(), __version__]
-    parts += [sys.platform, platform.machine(), _processor()]
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+def _key(text: str, found: Compiler) -> str:
+    """Digest of all that the library depends on, given that of its text.
+
+    The tuning chosen follows from compiler and processor.
+    """
+    parts: list[Any] = [text, found.command, found.version, FLAGS, TUNINGS]
+    return _digest(json.dumps([*parts, sys.platform, platform.machine(), _processor()]))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @cache
@@ -152,14 +174,14 @@ class Build:
     A process forked meanwhile has no such thread and starts its own when it asks; so does a copy by pickle.
     """
 
-    def __init__(self, name: str, source: Callable[[], str], content: str | None = None) -> None:
-        self._name, self._source, self._content = name, source, content
+    def __init__(self, name: str, source: Source) -> None:
+        self._name, self._source = name, source
         self._library: ctypes.CDLL | None = None
         self.error: Exception | None = None
         self._begin()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Build, (self._name, self._source, self._content)
+        return Build, (self._name, self._source)
 
     def _begin(self) -> None:
         self._process = os.getpid()
@@ -172,7 +194,7 @@ class Build:
     def _work(self) -> None:
         try:
             required()  # before the source is written in vain
-            self._library = load(self._name, self._source if self._content else self._source(), self._content)
+            self._library = load(self._name, self._source)
         except Exception as error:
             self._fail(error)
 
@@ -199,9 +221,9 @@ class Build:
         return self._library
 
 
-def start(name: str, source: Callable[[], str], content: str | None = None) -> Build:
-    """Build the library of the C text that ``source`` returns, in the background; see :func:`load`."""
-    return Build(name, source, content)
+def start(name: str, source: Source) -> Build:
+    """Build a library in the background; see :func:`load`."""
+    return Build(name, source)
 
 
 def _warn_once(message: str) -> None:

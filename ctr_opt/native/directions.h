@@ -144,7 +144,7 @@ static void seed_turn(const Case *c, int axis, double *along) {
 static void seed_span(const Case *c, const Lane *lane, double *along) {
   const Layout *layout = c->layout;
   const int *ends = layout->of_span + 2 * lane->index;
-  if (BODY && span_load(layout, lane->index)->frame != 0.0) return;
+  if (turning(span_load(layout, lane->index)->frame)) return;
   along[(AT_FORCE + lane->component) * BLOCK] = (layout->at[ends[1]].s - layout->at[ends[0]].s) / force_scale(layout);
 }
 
@@ -162,7 +162,7 @@ static void seed(const Lanes *lanes, const Lane *lane, double *along) {
     case BY_PLACE: grow_force(c, lane, along); break;
     case BY_TURN: seed_turn(c, lane->component, along); break;
     case BY_FORCE:
-      if (!(BODY && point_load(layout, i)->frame != 0.0))
+      if (!turning(point_load(layout, i)->frame))
         along[(AT_FORCE + lane->component) * BLOCK] = 1.0 / force_scale(layout);
       break;
     case BY_SPAN_FORCE: seed_span(c, lane, along); break;

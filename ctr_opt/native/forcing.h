@@ -25,7 +25,7 @@ static int span_datum(const Layout *layout, const Lane *lane, double *unit) {
   const int tube = 3 * (int)load->tube, moment = lane->kind == BY_SPAN_MOMENT;
   *unit = layout->length / (moment ? moment_scale(layout) : force_scale(layout));
 #if BODY
-  if (load->frame != 0.0) return (moment ? DATA_BODY_MOMENT : DATA_BODY_FORCE) + tube + lane->component;
+  if (turning(load->frame)) return (moment ? DATA_BODY_MOMENT : DATA_BODY_FORCE) + tube + lane->component;
 #endif
   return (moment ? DATA_MOMENT + tube : DATA_FORCE) + lane->component;
 }

@@ -20,12 +20,27 @@ static void add3(double *to, const double *of, double factor) {
   for (int r = 0; r < 3; r++) to[r] += factor * of[r];
 }
 
-/* A point load into the layout of point data: force, the tubes' moments, then the same in the tubes' frames. */
+/* Whether the components of a load are those in its tube's frame, which turns with the shape. */
+static int turning(double frame) {
+#if BODY
+  return frame != 0.0;
+#else
+  return 0;
+#endif
+}
+
+/* A point load into the layout of point data. */
 static void add_point(const Layout *layout, const PointLoad *load, double *to) {
-  const int tube = (int)load->tube, body = BODY && load->frame != 0.0;
-  const double force = 1.0 / force_scale(layout), moment = 1.0 / moment_scale(layout);
-  add3(body ? to + 3 + 3 * TUBES + 3 * tube : to, load->force, force);
-  add3(body ? to + 3 + 6 * TUBES + 3 * tube : to + 3 + 3 * tube, load->moment, moment);
+  const int tube = 3 * (int)load->tube;
+  int force = POINT_FORCE, moment = POINT_MOMENT + tube;
+#if BODY
+  if (turning(load->frame)) {
+    force = POINT_BODY_FORCE + tube;
+    moment = POINT_BODY_MOMENT + tube;
+  }
+#endif
+  add3(to + force, load->force, 1.0 / force_scale(layout));
+  add3(to + moment, load->moment, 1.0 / moment_scale(layout));
 }
 
 static void fill_tubes(Case *c, int k) {
@@ -72,7 +87,7 @@ static void fill_span(Case *c, int k, const SpanLoad *load) {
   const double force = layout->length / force_scale(layout), moment = layout->length / moment_scale(layout);
   int forces = part_start(rk, PART_FORCE), moments = part_start(rk, PART_MOMENT) + 3 * tube, every = 3;
 #if BODY
-  if (load->frame != 0.0) {
+  if (turning(load->frame)) {
     forces = part_start(rk, PART_BODY_FORCE) + 3 * tube;
     moments = part_start(rk, PART_BODY_MOMENT) + 3 * tube;
     every = 3 * TUBES;
@@ -125,7 +140,7 @@ static int pack(Layout *layout, const Tableau *rk, Case *c) {
     const int k = layout->last[layout->of_point[p]];
     add_point(layout, load, k < 0 ? c->start : c->columns + (size_t)(k + 1) * size - POINT);
     if (k >= 0) c->flags[k] |= LOADED;
-    if (!(BODY && load->frame != 0.0)) add3(c->force, load->force, 1.0 / force_scale(layout));
+    if (!turning(load->frame)) add3(c->force, load->force, 1.0 / force_scale(layout));
   }
   const int force = part_start(rk, PART_FORCE);
   for (int k = 0; k < n; k++)

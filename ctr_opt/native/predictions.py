@@ -18,6 +18,7 @@ from ..checks import Array, array, index, number
 from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..loads.wrenches import Load
+from ..mechanics.kind import constant_kind
 from ..robot.actuation import Actuation
 from ..robot.names import chosen, parameters, parsed
 from ..robot.robot import Robot
@@ -122,8 +123,8 @@ class Predictions:
         refinements: int = 0,
     ) -> None:
         self.robot, self.refinements = robot, index(refinements, "refinements")
-        body = any(getattr(load, "frame", "world") == "body" for _, loads in experiments for load in loads)
-        self._native = library(len(robot.tubes), body).built()
+        kind = constant_kind(load for _, loads in experiments for load in loads)
+        self._native = library(len(robot.tubes), kind).built()
         self.unknowns = self._native.sizes.unknowns
         self._table = RobotTable(robot)
         every = zip(experiments, _each(probes, experiments), strict=True)

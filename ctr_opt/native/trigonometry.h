@@ -17,7 +17,6 @@ static const double LARGEST_ANGLE = 1e6; /* of a tube at the entry, rad */
 #else
 #define EXPORT __attribute__((visibility("default")))
 #endif
-#define casadi_real double
 #define INLINE static inline __attribute__((always_inline))
 
 typedef struct {
@@ -58,6 +57,14 @@ INLINE double model_cos(double angle) {
   const double next = r.quarter + 1.0, half = next * 0.5, odd = next - 2.0 * floor(half);
   const double sign = 1.0 - 2.0 * (floor(half) - 2.0 * floor(0.5 * floor(half)));
   return sign * (odd != 0.0 ? series_cos(r.rest) : series_sin(r.rest));
+}
+
+/* Sines and cosines of the tubes' angles; the lanes to spare take what stands behind them in the state. */
+INLINE void circle(const double *restrict angles, double *restrict sines, double *restrict cosines) {
+  for (int i = 0; i < LANES; i++) {
+    sines[i] = model_sin(angles[i]);
+    cosines[i] = model_cos(angles[i]);
+  }
 }
 
 /* A Runge-Kutta method; the matrix row by row, and the weights of two estimates of its local error, or zeros. */

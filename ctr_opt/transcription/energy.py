@@ -19,7 +19,7 @@ from ..checks import Array
 from ..layout.columns import EntryColumn, StepColumns
 from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.fields import LoadKind
+from ..mechanics.kind import Kind
 from ..mechanics.so3 import quaternion_rate
 from ..mechanics.state import State, state_names
 from .guess import Guess
@@ -34,7 +34,7 @@ from .shooting import Nodes
 class EnergyProgram:
     """The program for a number of tubes and steps and a kind of loads; its numbers come from columns of data."""
 
-    def __init__(self, tubes: int, transcription: Transcription, integrator: str, kind: LoadKind, steps: int) -> None:
+    def __init__(self, tubes: int, transcription: Transcription, integrator: str, kind: Kind, steps: int) -> None:
         self.tubes, self.transcription, self.steps = tubes, transcription, steps
         self.integrator = runge_kutta(integrator)
         if isinstance(transcription, Collocation):

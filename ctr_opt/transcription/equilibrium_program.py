@@ -14,7 +14,7 @@ from ..checks import Array
 from ..layout.columns import StepColumns
 from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.fields import LoadKind
+from ..mechanics.kind import Kind
 from ..mechanics.state import State, state_names
 from .guess import Guess
 from .nlp import Nlp, NlpBuilder, padded
@@ -27,7 +27,7 @@ from .shooting import Nodes, shooting_functions
 class EquilibriumProgram:
     """The system for a number of tubes and steps and a kind of loads; its numbers come from columns of data."""
 
-    def __init__(self, tubes: int, transcription: Transcription, integrator: str, kind: LoadKind, steps: int) -> None:
+    def __init__(self, tubes: int, transcription: Transcription, integrator: str, kind: Kind, steps: int) -> None:
         self.tubes, self.steps = tubes, steps
         self.shooting = shooting_functions(tubes, integrator, kind)
         self.points: Tableau | None = None

@@ -13,7 +13,7 @@ import casadi as ca
 
 from ..layout.columns import StepColumns
 from ..mechanics import rod
-from ..mechanics.fields import LoadKind
+from ..mechanics.kind import Kind
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
 from .integrators import RungeKutta, runge_kutta
@@ -28,7 +28,7 @@ class IntegralFunctions:
     ``slopes`` are ``du*_i/ds (3 tubes,)`` node by node. ``hamiltonian: (x, column of one node) -> H``.
     """
 
-    def __init__(self, tubes: int, integrator: RungeKutta, kind: LoadKind) -> None:
+    def __init__(self, tubes: int, integrator: RungeKutta, kind: Kind) -> None:
         self.tubes = tubes
         columns = StepColumns(tubes, len(integrator.nodes), kind)
         size = State.size(tubes)
@@ -63,6 +63,6 @@ class IntegralFunctions:
 _shared = shared_by_kind(IntegralFunctions, most=32)
 
 
-def integral_functions(tubes: int, integrator: str, kind: LoadKind) -> IntegralFunctions:
+def integral_functions(tubes: int, integrator: str, kind: Kind) -> IntegralFunctions:
     """The functions, shared by every problem with as many tubes and the same kind of loads."""
     return _shared(tubes, runge_kutta(integrator), kind)

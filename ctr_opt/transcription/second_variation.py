@@ -16,7 +16,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..mechanics.fields import LoadKind
+from ..mechanics.kind import Kind
 from ..mechanics.so3 import turn_of, turning
 from ..mechanics.state import State
 from .sharing import shared_by_kind
@@ -35,7 +35,7 @@ class SecondVariationFunctions:
     ``entry (W, compliance, shift) -> negative``. The elastic part is divided by ``1 + shift``.
     """
 
-    def __init__(self, tubes: int, integrator: str, kind: LoadKind) -> None:
+    def __init__(self, tubes: int, integrator: str, kind: Kind) -> None:
         self.tubes = tubes
         self.shooting = shooting_functions(tubes, integrator, kind)
         self.bent = 2 + tubes  # entries of q with an elastic stiffness; a position has none
@@ -177,7 +177,7 @@ class SecondVariationFunctions:
 _functions = shared_by_kind(SecondVariationFunctions, most=24)
 
 
-def second_variation_functions(tubes: int, integrator: str, kind: LoadKind) -> SecondVariationFunctions:
+def second_variation_functions(tubes: int, integrator: str, kind: Kind) -> SecondVariationFunctions:
     """The functions, shared by every problem with as many tubes and the same kind of loads."""
     return _functions(tubes, integrator, kind)
 

@@ -20,14 +20,14 @@ from ..checks import Array
 from ..layout.columns import EntryColumn, StepColumns
 from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.fields import DEAD, LoadKind
+from ..mechanics.kind import DEAD, Kind
 from ..mechanics.state import State
 from .integrators import RungeKutta, runge_kutta
 from .nlp import padded
 from .sharing import shared_by_kind
 
 
-def unknowns(tubes: int, kind: LoadKind) -> int:
+def unknowns(tubes: int, kind: Kind) -> int:
     """How many numbers at the entry point are unknown: ``m_xy``, ``tau_i`` and, if loads are live, ``n``."""
     return len(boundary.tip_rows(tubes, kind.live))
 
@@ -35,7 +35,7 @@ def unknowns(tubes: int, kind: LoadKind) -> int:
 class ShootingFunctions:
     """The CasADi functions for a number of tubes, an integrator and a kind of loads, built when first needed."""
 
-    def __init__(self, tubes: int, integrator: RungeKutta, kind: LoadKind) -> None:
+    def __init__(self, tubes: int, integrator: RungeKutta, kind: Kind) -> None:
         self.tubes = tubes
         self.integrator = integrator
         self.columns = StepColumns(tubes, len(integrator.nodes), kind)
@@ -157,7 +157,7 @@ class ShootingFunctions:
 _shared = shared_by_kind(ShootingFunctions, most=64)
 
 
-def shooting_functions(tubes: int, integrator: str = "RK8", kind: LoadKind = DEAD) -> ShootingFunctions:
+def shooting_functions(tubes: int, integrator: str = "RK8", kind: Kind = DEAD) -> ShootingFunctions:
     """The functions, shared by every problem with as many tubes and the same kind of loads."""
     return _shared(tubes, runge_kutta(integrator), kind)
 
@@ -186,7 +186,7 @@ class Shooting:
     """
 
     def __init__(
-        self, configuration: Configuration, mesh: Array, integrator: str = "RK8", kind: LoadKind | None = None
+        self, configuration: Configuration, mesh: Array, integrator: str = "RK8", kind: Kind | None = None
     ) -> None:
         self.configuration = configuration
         self.mesh = mesh

@@ -9,7 +9,7 @@ import pytest
 
 import ctr_opt as ctr
 from ctr_opt.errors import CompilationError
-from ctr_opt.mechanics.fields import DEAD
+from ctr_opt.mechanics.kind import DEAD
 from ctr_opt.native import abi, calls
 from ctr_opt.native.compiler import FLAGS, compiler
 from ctr_opt.native.generate import library_source
@@ -48,7 +48,7 @@ def test_a_definition_in_c_that_differs_does_not_compile(monkeypatch, tmp_path, 
 @needs_compiler
 @pytest.mark.parametrize("name", ["states", "unknowns"])
 def test_a_library_of_other_sizes_is_refused(monkeypatch, name):
-    native = library(1, False).built()
+    native = library(1, DEAD).built()
     other = attrs.evolve(native.sizes, **{name: getattr(native.sizes, name) + 1})
     monkeypatch.setattr(abi.Sizes, "of", lambda *_: other)
     with pytest.raises(CompilationError, match="other structures"):

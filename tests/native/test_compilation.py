@@ -19,7 +19,7 @@ from ctr_opt.errors import CompilationError
 from ctr_opt.native import cache as library_cache
 from ctr_opt.native import compile as compilation
 from ctr_opt.native import compiler as compilers
-from ctr_opt.native.compile import compiler, load, start
+from ctr_opt.native.compile import Source, compiler, load, start
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the compilers are shell scripts")
 
@@ -295,7 +295,7 @@ def test_without_a_compiler_it_is_said_once(tmp_path, monkeypatch, caplog):
     assert compiler() is None
     with pytest.raises(CompilationError, match=r"no C compiler found \(cc, gcc, clang\).*install gcc or clang"):
         load("answer", answer(42))
-    build = start("answer", forty_two)
+    build = start("answer", Source(forty_two))
     assert build.result() is None
     assert "no C compiler found" in str(build.error)
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
@@ -465,7 +465,7 @@ def test_entries_unused_for_long_are_forgotten(cache):
 def test_a_build_in_the_background(calls, tmp_path):
     gate = tmp_path / "gate"
     calls.does(f"while [ ! -e {gate} ]; do sleep 0.02; done")
-    build = start("answer", forty_two)
+    build = start("answer", Source(forty_two))
     calls.wait()
     assert not build.ready()
     assert build.result(timeout=0.0) is None
@@ -480,7 +480,7 @@ def fails():
 
 
 def test_a_background_build_that_fails_is_told_once_and_raises_nothing(caplog):
-    builds = [start("answer", fails) for _ in range(2)]
+    builds = [start("answer", Source(fails)) for _ in range(2)]
     assert [build.result() for build in builds] == [None, None]
     assert not any(build.ready() for build in builds)
     assert all(isinstance(build.error, ValueError) for build in builds)
@@ -494,13 +494,13 @@ def test_no_more_threads(monkeypatch, caplog):
         raise RuntimeError("can't start new thread")
 
     monkeypatch.setattr(compilation.threading.Thread, "start", none_left)
-    build = start("answer", forty_two)
+    build = start("answer", Source(forty_two))
     assert build.result() is None
     assert "new thread" in caplog.text
 
 
 def test_a_copy_by_pickle_builds_its_own(calls):
-    build = start("answer", forty_two)
+    build = start("answer", Source(forty_two))
     copy = pickle.loads(pickle.dumps(build))
     assert copy.result().answer() == build.result().answer() == 42
     assert len(calls) == COMPILED
@@ -511,7 +511,7 @@ def test_switched_off(monkeypatch, caplog, calls):
     assert compiler() is None
     with pytest.raises(CompilationError, match="switched off by CTR_OPT_COMPILE=0"):
         load("answer", answer(42))
-    build = start("answer", fails)
+    build = start("answer", Source(fails))
     assert build.result() is None
     assert isinstance(build.error, CompilationError)
     assert not caplog.messages
@@ -520,8 +520,8 @@ def test_switched_off(monkeypatch, caplog, calls):
 
 EXIT = """
 import sys, time
-from ctr_opt.native.compile import start
-build = start("answer", lambda: sys.argv[1])
+from ctr_opt.native.compile import Source, start
+build = start("answer", Source(sys.argv[1]))
 while not __import__("os").path.exists(sys.argv[2]):
     time.sleep(0.01)
 """
@@ -536,9 +536,9 @@ def test_exit_ends_an_unfinished_build(cache, calls):
 
 FORK = """
 import os, signal, sys, time
-from ctr_opt.native.compile import start
+from ctr_opt.native.compile import Source, start
 signal.alarm(50)
-build = start("answer", lambda: sys.argv[1])
+build = start("answer", Source(sys.argv[1]))
 while not os.path.exists(sys.argv[2]):
     time.sleep(0.01)
 if os.fork() == 0:

@@ -12,9 +12,9 @@ import pytest
 import ctr_opt as ctr
 from ctr_opt.forward.compiled import CompiledEquilibrium
 from ctr_opt.layout.configuration import Configuration
-from ctr_opt.mechanics.fields import DEAD
+from ctr_opt.mechanics.kind import DEAD
 from ctr_opt.native.compile import compiler
-from ctr_opt.native.generate import content, library_source
+from ctr_opt.native.generate import library_source, origin
 from ctr_opt.transcription.shooting import Shooting
 from tests.support.physics import held, random_problem, random_robot, rod, tube
 from tests.support.physics import robot as robot_of
@@ -395,8 +395,8 @@ def test_many_steps_and_loads_find_room():
     assert compiled.solve_many([held()] * 3, loads).converged.all()
 
 
-def test_the_source_is_standard_c_and_told_by_its_content():
-    assert content(3, DEAD) != content(2, DEAD)
+def test_the_source_is_standard_c_and_told_by_its_origin():
+    assert origin(3, DEAD) != origin(2, DEAD)
     source = library_source(2, DEAD)
     assert source == library_source(2, DEAD)
     assert "casadi_int" not in source  # nothing of CasADi's runtime is needed

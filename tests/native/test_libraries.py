@@ -9,6 +9,7 @@ import pytest
 
 import ctr_opt as ctr
 from ctr_opt.forward.compiled import CompiledEquilibrium
+from ctr_opt.mechanics.kind import DEAD
 from ctr_opt.native import compile as compilation
 from ctr_opt.native import library as libraries
 from ctr_opt.native.compiler import SWITCH
@@ -63,7 +64,7 @@ def test_a_build_in_the_background_is_taken_when_it_is_there(fresh):
     problem = ctr.ForwardProblem(rod())
     for _ in range(libraries._ENOUGH):
         problem.solve(held())
-    build = libraries.library(1, False)._build
+    build = libraries.library(1, DEAD)._build
     assert build.result(60.0) is not None
     assert compiled(problem)
 
@@ -105,12 +106,12 @@ def test_without_a_compiler_everything_works_and_that_is_said_once(tmp_path):
 def test_a_compiler_that_fails_is_told_once(fresh, caplog, tmp_path):
     fresh.setenv("CTR_OPT_CACHE", str(tmp_path))
     fresh.setattr(libraries, "library_source", lambda *_: "this is no C")
-    fresh.setattr(libraries, "content", lambda *_: "this is no C")
+    fresh.setattr(libraries, "origin", lambda *_: "of no C")
     problem = ctr.ForwardProblem(rod())
     with caplog.at_level(logging.WARNING):
         for _ in range(libraries._ENOUGH):
             problem.solve(held())
-        build = libraries.library(1, False)._build
+        build = libraries.library(1, DEAD)._build
         assert build.result(60.0) is None
         assert not compiled(problem)
     assert len([record for record in caplog.records if "compilation failed" in record.message]) == 1

@@ -1,0 +1,54 @@
+"""What the equations of a robot provide for; every kind has its own symbolic functions and its own compiled library."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import attrs
+
+from .fields import Field
+
+
+@attrs.frozen(cache_hash=True)
+class Kind:
+    """What the equations provide for beyond dead loads: expressions, and flags that are off by default.
+
+    A flag is a field that is a bool. One that is on names its compiled library, is defined there in capitals, and keeps
+    the lines of headers between ``#if`` and ``#endif`` of that name. The C text of a kind knows nothing of flags that
+    are off: one more flag does not change what others are compiled from.
+    """
+
+    body: bool = False  # loads in tubes' frames
+    fields: tuple[Field, ...] = ()  # loads by expressions, for which there is no compiled code
+
+    @classmethod
+    def known_flags(cls) -> tuple[str, ...]:
+        """The names of all flags."""
+        return tuple(field.name for field in attrs.fields(cls) if field.default is False)
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """The names of those that are on."""
+        return tuple(name for name in self.known_flags() if getattr(self, name))
+
+    @property
+    def live(self) -> bool:
+        """Whether loads depend on the shape, so that the force at the entry point is unknown."""
+        return self.body or bool(self.fields)
+
+    def joined(self, other: Kind) -> Kind:
+        """What provides for both."""
+        flags = dict.fromkeys((*self.flags, *other.flags), True)
+        return attrs.evolve(self, fields=tuple(dict.fromkeys((*self.fields, *other.fields))), **flags)
+
+
+DEAD = Kind()
+"""Dead loads only."""
+
+_BODY = Kind(body=True)
+
+
+def constant_kind(loads: Iterable[Any]) -> Kind:
+    """The kind for loads that are constant in the world or in a tube's frame."""
+    return _BODY if any(getattr(load, "frame", "world") == "body" for load in loads) else DEAD
