@@ -24,6 +24,7 @@ from ..solvers.status import SolveStatus
 from ..transcription.shape import Shape
 from ..transcription.shooting import Nodes, Shooting
 from ..transcription.stability import SecondVariation
+from .attempt import Attempt
 from .equilibrium import BaseMoments, Equilibrium, Outcome
 from .settings import Settings
 
@@ -281,8 +282,7 @@ class CompiledEquilibrium(Equilibrium):
         jacobian, error = self._inspected
         return Outcome(
             SolveStatus.CONVERGED,
-            "homotopy" if self.cold else "newton from initial",
-            iterations=int(self._numbers[Head.ITERATIONS]),
+            (Attempt("homotopy" if self.cold else "newton from initial", int(self._numbers[Head.ITERATIONS])),),
             solve_time=self._time,
             residual_norm=float(self._numbers[Head.RESIDUAL]),
             discretization_error=error * self.length,

@@ -21,6 +21,7 @@ from ..transcription.shape import Shape, Values
 from ..transcription.shooting import Shooting
 from ..transcription.stability import SecondVariation
 from ..transcription.verification import defect
+from .attempt import Attempt, path_of
 from .derivatives import Differentiable
 from .sensitivity import Solved
 
@@ -69,12 +70,12 @@ class Outcome:
 
     Attributes
     ----------
-    status, path, message
-        How it ended, how it got there, and what went wrong.
+    status, attempts, message
+        How it ended, what was tried, and what went wrong.
     reached
         How far the last continuation came: 1 at the end.
-    iterations, setup_time, solve_time
-        Newton and IPOPT iterations; seconds.
+    setup_time, solve_time
+        Seconds.
     residual_norm
         Largest entry of the scaled boundary residual.
     discretization_error
@@ -82,15 +83,24 @@ class Outcome:
     """
 
     status: SolveStatus
-    path: str
+    attempts: tuple[Attempt, ...]
     message: str = ""
     reached: float = 1.0
-    iterations: int = 0
     setup_time: float = 0.0
     solve_time: float = 0.0
     residual_norm: float = np.inf
     discretization_error: float = np.inf
     jacobian: Array | None = None
+
+    @property
+    def path(self) -> str:
+        """The attempts in words."""
+        return path_of(self.attempts)
+
+    @property
+    def iterations(self) -> int:
+        """Newton and IPOPT iterations together."""
+        return sum(attempt.iterations for attempt in self.attempts)
 
 
 class Equilibrium(Differentiable):

@@ -16,6 +16,7 @@ from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from ..solvers.status import SolveStatus
 from ..transcription.schemes import Transcription
+from .attempt import Attempt
 from .batch.result import Batch
 from .batch.solve import solve_rows
 from .equilibrium import BaseMoments, Equilibrium, Outcome
@@ -275,4 +276,6 @@ class ForwardProblem:
             array(bending, "bending", (2,), unit="N m"),
             array(np.zeros(tubes) if torsional is None else torsional, "torsional", (tubes,), unit="N m"),
         )
-        return Equilibrium(configuration, base, Outcome(SolveStatus.GUESS, "guess", "this is a guess, not a solution"))
+        return Equilibrium(
+            configuration, base, Outcome(SolveStatus.GUESS, (Attempt("guess"),), "this is a guess, not a solution")
+        )

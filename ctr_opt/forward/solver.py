@@ -15,7 +15,7 @@ from ..robot.robot import Robot
 from .compiled import CompiledProblem
 from .equilibrium import Equilibrium
 from .settings import Settings
-from .ways import Run
+from .ways import solve
 
 
 class ForwardSolver:
@@ -71,7 +71,7 @@ class ForwardSolver:
             result = fast.solve(actuation, loads, initial)
             if result is not None:
                 return result
-        result = Run(self.settings, self.configuration(actuation, loads)).solve(initial)
+        result = solve(self.settings, self.configuration(actuation, loads), initial)
         if throw and not result.converged:
             raise SolveError(result.message, result)
         return result
@@ -81,7 +81,7 @@ class ForwardSolver:
         fast = self.compiled_for(loads)
         if fast is not None and fast.knows(loads):
             return fast.solve(actuation, loads, initial)
-        result = Run(self.settings, self.configuration(actuation, loads)).solve(initial)
+        result = solve(self.settings, self.configuration(actuation, loads), initial)
         return result if result.converged else None
 
 

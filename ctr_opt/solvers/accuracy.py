@@ -1,4 +1,4 @@
-"""How far a discretized shape is from the exact one, by comparison with half the steps' length."""
+"""How far a discretized shape is from the exact one, by comparison with half the steps' length; when to cut steps."""
 
 from __future__ import annotations
 
@@ -16,6 +16,12 @@ _SAFETY = 2.0  # the error is at most twice the difference to half the step, for
 _SHARE = 0.5  # of the average step's: steps that contribute less are left as they are
 _MUCH = 100.0  # times its share: a step that contributes so much is cut into four
 _ROUNDING = 1e-12  # of the length: no smaller error is claimed
+_REFINEMENTS = 7  # times all steps may be halved to reach the tolerance
+_LOCAL_REFINEMENTS = 30  # times some may: loads with kinks are met by ever shorter steps there
+_PROGRESS = 0.9  # of the error: cutting steps and gaining less meets a limit that is not the discretization's
+_IDLE = 4  # times in succession that this may happen where some steps were cut, as a kink may lie badly once
+_MOST_STEPS = 3000  # no mesh has more
+
 
 NEARBY = Newton(max_iterations=15, shortest_step=1.0)
 """Newton's method without damping: it converges nearby or says so."""
@@ -44,6 +50,29 @@ class Estimate:
         parts[local > allowed] = 2
         if np.any(parts == 1):  # a few steps contribute most: at a kink, where the order is low
             parts[local > _MUCH * allowed] = 4
+        return parts
+
+
+class Refinement:
+    """Into how many parts to cut the steps next, until it is of no use."""
+
+    def __init__(self, tolerance: float) -> None:
+        self._tolerance = tolerance
+        self._best = np.inf
+        self._whole = self._local = self._idle = 0
+
+    def next(self, estimate: Estimate) -> NDArray[np.intp] | None:
+        """The parts of every step; None to give up."""
+        parts = estimate.parts(self._tolerance)
+        whole = bool(np.all(parts > 1))
+        self._whole += whole
+        self._local += not whole
+        self._idle = 0 if estimate.error <= _PROGRESS * self._best else self._idle + 1
+        self._best = min(self._best, estimate.error)
+        stuck = self._idle > (0 if whole else _IDLE)
+        idle = parts.sum() == len(parts) or parts.sum() > _MOST_STEPS
+        if stuck or idle or self._whole >= _REFINEMENTS or self._local >= _LOCAL_REFINEMENTS:
+            return None
         return parts
 
 

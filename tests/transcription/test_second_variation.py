@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import brentq
 
 import ctr_opt as ctr
+from ctr_opt.forward import ways
 from ctr_opt.forward.equilibrium import BaseMoments, Equilibrium, Outcome
-from ctr_opt.forward.ways import Run
 from ctr_opt.layout.configuration import Configuration
 from ctr_opt.mechanics.state import stacked
 from ctr_opt.solvers import homotopy
@@ -129,7 +129,7 @@ def several(configuration, rng, tries=3):
         if not solution.converged:
             continue
         base = BaseMoments.of(solution.z, configuration.scales, configuration.tube_count)
-        start = Equilibrium(configuration, base, Outcome(ctr.SolveStatus.GUESS, "guess"))
+        start = Equilibrium(configuration, base, Outcome(ctr.SolveStatus.GUESS, ()))
         problem = ctr.ForwardProblem(configuration.robot)
         found = problem.solve(configuration.actuation, configuration.loads, initial=start, throw=False)
         if found.converged:  # a few do not on finer steps
@@ -321,9 +321,9 @@ def test_a_cold_solve_leaves_an_unstable_answer(monkeypatch):
 
 def test_a_cold_solve_that_finds_unstable_ones_alone_fails(monkeypatch):
     blind(monkeypatch)
-    monkeypatch.setattr("ctr_opt.forward.ways.minimize", lambda *_: Minimum(None, None, 0, 0))
-    monkeypatch.setattr("ctr_opt.forward.ways.minimize_in_steps", lambda *_: Minimum(POINT, None, 0, 0))
-    monkeypatch.setattr(Run, "_ways_around", lambda *_: [])  # they would find a stable one
+    monkeypatch.setattr("ctr_opt.forward.optimized.minimize", lambda *_: Minimum(None, None, 0, 0))
+    monkeypatch.setattr("ctr_opt.forward.optimized.minimize_in_steps", lambda *_: Minimum(POINT, None, 0, 0))
+    monkeypatch.setattr(ways, "COLD", [way for way in ways.COLD if "around" not in way.name])  # they find a stable one
     made, actuation = opposed(12.0)
     failed = ctr.ForwardProblem(made).solve(actuation, throw=False)
     assert failed.status is ctr.SolveStatus.UNSTABLE

@@ -1,0 +1,151 @@
+"""The steps of a solve by IPOPT: minima of the energy, transcribed equilibria, and their refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+
+from ..checks import Array
+from ..layout.configuration import Configuration
+from ..solvers.accuracy import ALONG_FAMILY, NEARBY, Refinement, estimate_error_of_nodes
+from ..solvers.ipopt import Ipopt, IpoptPoint, IpoptSolver
+from ..solvers.minimum import Minimum, minimize, minimize_in_steps
+from ..solvers.status import SolveStatus
+from ..transcription.energy import EnergyProblem
+from ..transcription.equilibrium_program import EquilibriumProblem
+from ..transcription.nlp import Nlp
+from ..transcription.shape import Shape
+from ..transcription.shooting import Nodes, Shooting, cut
+from .attempt import Attempt, Failed
+from .equilibrium import Equilibrium
+from .run import Reached, Run
+
+Find: TypeAlias = Callable[[Run, Array, Shape | None], tuple[Nodes, Array]]
+"""A solution on a mesh, states at its nodes and unknowns, from the straight robot or from another shape."""
+
+
+def minimum(
+    run: Run, configuration: Configuration, mesh: Array, shape: Shape | None, way: str = "energy"
+) -> tuple[EnergyProblem, Minimum]:
+    """A minimum of the energy, with the loads in steps where that fails from the straight robot."""
+    attempt, settings = run.attempt(way), run.settings
+    energy = run.setup(lambda: EnergyProblem(configuration, mesh, settings.transcription, settings.integrator))
+    solver = run.setup(lambda: _solver(energy.program.nlp, settings.ipopt))
+    guess = energy.straight() if shape is None else energy.like(shape)
+    found = minimize(solver, energy, energy.program.free, guess)
+    attempt.iterations = found.iterations
+    if found.inertia is None and shape is None:
+        attempt.saddles, attempt.outcome = 0, "failed"
+        attempt = run.attempt("energy, loads in steps")
+        found = minimize_in_steps(solver, energy, energy.program.free, guess)
+        attempt.iterations = found.iterations
+    attempt.saddles = found.descents
+    if not found.found:
+        attempt.outcome = "failed"
+        raise _no_minimum(run, attempt, energy, found)
+    if not found.stable:
+        attempt.outcome = "neutral"
+    return energy, found
+
+
+def polished(run: Run, energy: EnergyProblem, found: Minimum) -> Reached:
+    """A minimum of the energy as a solution of the boundary-value problem, by Newton's method."""
+    _, z = energy.recover(found.point.x, found.point.multipliers)
+    return run.newton(run.shooting_of(energy.configuration), z, NEARBY if found.stable else ALONG_FAMILY, "newton")
+
+
+def lowest(run: Run, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array]:
+    """A minimum of the transcribed energy."""
+    first = run.initial is not None and not run.attempts
+    energy, found = minimum(run, run.configuration, mesh, shape, "energy from initial" if first else "energy")
+    return energy.recover(found.point.x, found.point.multipliers)
+
+
+def balance(run: Run, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array]:
+    """A solution of the transcribed boundary-value problem."""
+    attempt, settings = run.attempt("ipopt"), run.settings
+    problem = run.setup(
+        lambda: EquilibriumProblem(run.configuration, mesh, settings.transcription, settings.integrator)
+    )
+    solver = run.setup(lambda: _solver(problem.program.nlp, settings.ipopt))
+    point = solver.solve(problem.straight() if shape is None else problem.like(shape), problem.parameters)
+    attempt.iterations = point.iterations
+    if not point.converged:
+        attempt.outcome = "failed"
+        raise _not_optimal(run, attempt, point, problem.program.nlp)
+    return problem.recover(point.x)
+
+
+def discretized(run: Run, find: Find, shape: Shape | None) -> Reached:
+    """A solution in a discretization of its own, on finer and finer meshes until it meets the tolerance."""
+    mesh, refinement = run.configuration.mesh(), Refinement(run.settings.tolerance)
+    while True:
+        nodes, z = find(run, mesh, shape)
+        shooting = Shooting(run.configuration, mesh, run.settings.integrator)
+        estimate, solution = estimate_error_of_nodes(shooting, z, nodes)
+        if estimate.error <= run.settings.tolerance:
+            return Reached(shooting, solution, nodes, estimate)
+        parts = refinement.next(estimate)
+        if parts is None:
+            raise run.inaccurate(z, estimate)
+        shape = Shape(run.configuration, mesh, nodes, run.settings.integrator)
+        mesh = cut(mesh, parts)
+
+
+# -- shapes to start from ----------------------------------------------------------------------------------------------
+
+
+def shape_of_minimum(run: Run, energy: EnergyProblem, found: Minimum) -> Shape:
+    """The shape of a minimum of the energy."""
+    nodes, _ = energy.recover(found.point.x, found.point.multipliers)
+    return Shape(energy.configuration, energy.mesh, nodes, run.settings.integrator)
+
+
+def shape_of(run: Run, initial: Equilibrium) -> Shape:
+    """The shape of an equilibrium, or the one that a guess of the moments at the base stands for."""
+    if initial.converged:
+        return initial.shape
+    z = initial.last_iterate.unknowns(initial.configuration.scales, initial.configuration.kind.live)
+    shape = swept(run, run.shooting_of(initial.configuration), z)
+    if not np.all(np.isfinite(shape.nodes.left)):
+        raise Failed(SolveStatus.STALLED, "the guess stands for no finite shape", z)
+    return shape
+
+
+def swept(run: Run, shooting: Shooting, z: Array) -> Shape:
+    """The shape that unknowns at the base stand for."""
+    nodes, _ = shooting.sweep(z)
+    return Shape(shooting.configuration, shooting.mesh, nodes, run.settings.integrator)
+
+
+# -- failures ----------------------------------------------------------------------------------------------------------
+
+
+def _no_minimum(run: Run, attempt: Attempt, energy: EnergyProblem, found: Minimum) -> Failed:
+    if found.inertia is None:
+        return _not_optimal(run, attempt, found.point, energy.program.nlp)
+    smallest = found.inertia.smallest
+    message = f"the second variation has the smallest eigenvalue {smallest:.2g} after {found.descents} descents"
+    return Failed(SolveStatus.NO_MINIMUM, f"{attempt.way}: {message}", _nothing(run))
+
+
+def _not_optimal(run: Run, attempt: Attempt, point: IpoptPoint, nlp: Nlp) -> Failed:
+    residual = np.nan_to_num(np.abs(point.residual), nan=np.inf)
+    worst = int(residual.argmax())
+    message = (
+        f"{attempt.way}: IPOPT says {point.message!r} after {point.iterations} iterations; "
+        f"largest defect {residual[worst]:.2g} in {nlp.describe_constraint(worst)}"
+    )
+    return Failed(SolveStatus.OPTIMIZER_FAILED, message, _nothing(run))
+
+
+def _nothing(run: Run) -> Array:
+    return np.zeros(2 + run.configuration.tube_count)
+
+
+@lru_cache(maxsize=24)
+def _solver(nlp: Nlp, method: Ipopt) -> IpoptSolver:
+    return IpoptSolver(nlp, method)
