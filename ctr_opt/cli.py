@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 import math
+import os
 import signal
 import sys
 import textwrap
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,8 @@ from .errors import CtrOptError, DefinitionError, EstimationError, SolveError
 
 _FILE = click.Path(path_type=Path)
 _BAD_INPUT, _NOT_SOLVED = 2, 1
-_TERMINATED = 128 + signal.SIGTERM  # as shells tell it
+_STOPPED = 128  # and the number of the signal: as shells tell it
+_GRACE = 2.0  # seconds from a signal on, for cleaning up
 
 
 class _Group(click.Group):
@@ -251,7 +255,58 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     click.echo(f"ctr-opt: warning: {message}", err=True)
 
 
+class _Signals:
+    """SIGINT and SIGTERM, which decide the exit status of a command whatever it is doing.
+
+    The first signal raises ``SystemExit``, so that ``finally`` clauses clean up. That exception can get lost:
+    destructors and the ``except:`` of CasADi's conversions swallow it, and Python replaces it (by the ``RuntimeError``
+    of ``__set_name__``, say), so that the command would end with status 0 or 1. The status is therefore kept here. A
+    second signal, or the end of a grace period, ends the process on the spot.
+    """
+
+    def __init__(self) -> None:
+        self._status: int | None = None
+        self._leaving = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+                signal.signal(number, self._stop)
+
+    def _stop(self, number: int, _: Any) -> None:
+        if self._status is not None:
+            self.leave(self._status)
+        self._status = _STOPPED + number
+        if self._leaving:
+            return
+        if hasattr(signal, "setitimer"):
+            signal.signal(signal.SIGALRM, self._stop)
+            signal.setitimer(signal.ITIMER_REAL, _GRACE)
+        sys.exit(self._status)
+
+    def run(self, command: click.Command) -> int:
+        """Run a command and return its exit status."""
+        try:
+            command()
+        except SystemExit as end:
+            return end.code if isinstance(end.code, int) else int(end.code is not None)
+        except BaseException:
+            if self._status is None:
+                sys.excepthook(*sys.exc_info())
+        return _NOT_SOLVED
+
+    def leave(self, status: int) -> None:
+        """End the process, cleaned up as at Python's own exit, which has a last part that is deaf to signals."""
+        self._leaving = True
+        atexit._run_exitfuncs()
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError, RuntimeError):  # closed; or interrupted while it was written to
+                stream.flush()
+        os._exit(status if self._status is None else self._status)
+
+
 def main() -> None:
-    """Run the command line; told to terminate, it clears away what it was writing."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
-    sys.exit(cli())
+    """Run the command line. After SIGINT or SIGTERM its status is 128 plus the signal, and it leaves no half of a file.
+
+    It ends the process; to profile a command, call ``cli``.
+    """
+    signals = _Signals()
+    signals.leave(signals.run(cli))

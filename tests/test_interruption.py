@@ -1,5 +1,6 @@
 """A run that is killed or interrupted leaves its output whole, as it was, or absent; never half of it."""
 
+import functools
 import json
 import signal
 import subprocess
@@ -24,6 +25,50 @@ shape = ctr.load_problem(sys.argv[1]).solve()
 print("ready", flush=True)
 while True:
     ctr.save_shape(shape, sys.argv[2])
+"""
+
+# The command, with a signal at the first call of a function from the moment on at which the report is printed.
+AT = """
+import os, signal, sys
+from pathlib import Path
+import click
+from ctr_opt.cli import main
+file, function, how, *arguments = sys.argv[1:]
+
+def watch(frame, event, _):
+    if event == "call" and frame.f_code.co_name == function and Path(frame.f_code.co_filename).name == file:
+        sys.setprofile(None)
+        print("sent", flush=True)
+        os.kill(os.getpid(), signal.Signals[how])
+
+def echo(*arguments, **options):
+    sys.setprofile(watch)
+    printed(*arguments, **options)
+
+printed, click.echo = click.echo, echo
+sys.argv = ["ctr-opt", *arguments]
+main()
+"""
+
+# The command, whose writing goes on for ever, with a signal that a destructor swallows.
+LOST = """
+import os, signal, sys
+from ctr_opt.cli import main
+from ctr_opt.files.shapes import WRITERS
+
+class Swallows:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+def write(shape, path):
+    path.write_text("half of it")
+    Swallows()
+    while True:
+        pass
+
+WRITERS[".csv"] = write
+sys.argv = ["ctr-opt", *sys.argv[1:]]
+main()
 """
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
@@ -77,7 +122,7 @@ def test_a_stopped_program_leaves_its_output_whole(tmp_path, arc_length, suffix,
     assert all(name.startswith(".shape.") and name.endswith(f".part{suffix}") for name in left)  # hidden, and no output
 
 
-@pytest.mark.parametrize(("how", "code"), [("SIGKILL", -9), ("SIGTERM", 143)])
+@pytest.mark.parametrize(("how", "code"), [("SIGKILL", -9), ("SIGTERM", 143), ("SIGINT", 130)])
 def test_a_stopped_command_leaves_its_outputs_whole_or_absent(tmp_path, arc_length, how, code):
     """From the moment on at which it has printed its report, so that it is writing."""
     shape, figure = tmp_path / "shape.csv", tmp_path / "shape.png"
@@ -89,3 +134,44 @@ def test_a_stopped_command_leaves_its_outputs_whole_or_absent(tmp_path, arc_leng
     left = [each.name for each in tmp_path.iterdir() if each not in (shape, figure)]
     assert left == [] or how == "SIGKILL"
     assert all(".part." in name for name in left)
+
+
+MOMENTS = {
+    "in a conversion that makes None of an error": ("casadi.py", "toarray", "SIGTERM"),
+    "where Python makes another error of it": ("_base.py", "__set_name__", "SIGINT"),
+    "before a file is in place": ("text.py", "_umask", "SIGTERM"),
+    "when all is done": ("compiler.py", "_leave_nothing_behind", "SIGINT"),
+}
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_command_tells_the_signal_that_stopped_it(tmp_path, arc_length, moment):
+    """Also where the exception that a signal raises gets lost, or becomes another: such ended with status 0 or 1."""
+    shape, figure = tmp_path / "shape.csv", tmp_path / "shape.png"
+    file, function, how = MOMENTS[moment]
+    drawn = ["--figure", str(figure)] if function == "__set_name__" else []
+    run = [sys.executable, "-c", AT, file, function, how, "solve", PROBLEM, "--output", str(shape), *drawn]
+    done = subprocess.run(run, capture_output=True, text=True, check=False, timeout=60)
+    assert "sent" in done.stdout.splitlines()
+    assert done.returncode == 128 + signal.Signals[how], done.stderr
+    assert "Traceback" not in done.stderr
+    assert whole(shape, arc_length)
+    assert {each.name for each in tmp_path.iterdir()} <= {shape.name}
+
+
+def test_a_signal_that_is_swallowed_ends_a_command_after_a_while(tmp_path):
+    shape = tmp_path / "shape.csv"
+    run = [sys.executable, "-c", LOST, "solve", PROBLEM, "--output", str(shape)]
+    done = subprocess.run(run, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 143, done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_signals_that_the_parent_ignores_stay_ignored(tmp_path, arc_length):
+    """As under nohup."""
+    shape = tmp_path / "shape.csv"
+    run = [sys.executable, "-c", AT, "text.py", "_umask", "SIGINT", "solve", PROBLEM, "--output", str(shape)]
+    ignore = functools.partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
+    done = subprocess.run(run, capture_output=True, check=False, timeout=60, preexec_fn=ignore)
+    assert done.returncode == 0
+    assert np.array_equal(np.genfromtxt(shape, delimiter=",", names=True)["s"], arc_length)

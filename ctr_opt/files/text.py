@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import reprlib
-import tempfile
+import secrets
 import tomllib
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from ..checks import Array
 
 _T = TypeVar("_T")
+_parts: set[Path] = set()  # temporary files of outputs that are being written
 
 
 def read_toml(file: Path) -> dict[str, Any]:
@@ -135,20 +138,41 @@ def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
     """
     if not path.parent.is_dir():
         raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
+    part = path.absolute().with_name(f".{path.stem}.{secrets.token_hex(8)}.part{path.suffix}")
+    _parts.add(part)  # before it exists: a signal between the two would leave it behind
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=f".part{path.suffix}")
-        os.close(handle)
-    except (OSError, ValueError) as error:
-        raise DefinitionError(f"{str(path)!r} cannot be written: {error}") from None
-    part = Path(name)
-    try:
+        _create(part, path)
         write(part)
         part.chmod(path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask())
         part.replace(path)
     except OSError as error:
         raise DefinitionError(f"{path} cannot be written: {error.strerror or error}") from None
     finally:
+        _remove(part)
+
+
+def _create(part: Path, path: Path) -> None:
+    try:
+        part.touch(0o600, exist_ok=False)
+    except (OSError, ValueError) as error:
+        raise DefinitionError(f"{str(path)!r} cannot be written: {error}") from None
+
+
+def _remove(part: Path) -> None:
+    with suppress(OSError, ValueError):  # the latter where no file can have such a name
         part.unlink(missing_ok=True)
+    _parts.discard(part)
+
+
+@atexit.register
+def _leave_no_parts() -> None:
+    """Remove what is being written when a signal ends the process on the spot."""
+    for part in list(_parts):
+        _remove(part)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_parts.clear)  # they are the parent's
 
 
 def _umask() -> int:
