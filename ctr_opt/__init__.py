@@ -48,9 +48,12 @@ from .forward.problem import ForwardProblem
 from .kinematics.limits import JointLimits
 from .kinematics.problem import InverseKinematicsProblem
 from .kinematics.result import InverseKinematicsPath, InverseKinematicsResult, InverseKinematicsStatus
-from .loads.fields import ExpressionLoad, PotentialLoad
-from .loads.gravity import DistributedMass, Gravity, PointMass
-from .loads.wrenches import DistributedLoad, PointWrench
+from .loads.distributed import DistributedLoad
+from .loads.expression import ExpressionLoad
+from .loads.gravity import Gravity
+from .loads.masses import DistributedMass, PointMass
+from .loads.point import PointWrench
+from .loads.potential import PotentialLoad
 from .robot.actuation import Actuation
 from .robot.curves import precurvature_from_curve
 from .robot.precurvature import Arc, PolynomialCurvature, SampledCurvature, Straight

@@ -12,7 +12,7 @@ import numpy as np
 from ..checks import Array, array, number
 from ..errors import DefinitionError
 from ..estimation.sensors import Mounting
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.names import Parameter as RobotParameter
 from ..robot.names import chosen, loads_with, parameters, parsed, robot_with, shown

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..checks import Array
 from ..errors import EstimationError
 from ..layout.ends import SAME_POINT
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..native import compile as compilation
 from ..native.calls import LoadRows
 from ..native.predictions import Predicted as Told

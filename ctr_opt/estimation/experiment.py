@@ -7,7 +7,7 @@ from typing import Any
 import attrs
 
 from ..errors import DefinitionError
-from ..loads.wrenches import LOADS, Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from .measurements import MEASUREMENTS, Measurement
 from .measurements.kind import Request
@@ -21,9 +21,9 @@ def _several(value: Any, field: str) -> tuple[Any, ...]:
 
 
 def _loads(value: Any) -> tuple[Load, ...]:
-    given = (value,) if isinstance(value, LOADS) else _several(value, "loads")
+    given = (value,) if isinstance(value, Load) else _several(value, "loads")
     for k, load in enumerate(given):
-        if not isinstance(load, LOADS):
+        if not isinstance(load, Load):
             raise DefinitionError(f"loads[{k}] = {load!r} must be a load")
     return given
 

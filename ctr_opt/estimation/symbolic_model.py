@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import attrs
 import casadi as ca
@@ -17,7 +17,8 @@ import numpy as np
 from ..checks import Array
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
-from ..loads.wrenches import Load, LoadTable
+from ..loads.density import LoadTable
+from ..loads.kind import Load
 from ..mechanics.fields import material_frame
 from ..mechanics.state import State
 from ..robot.actuation import Actuation
@@ -43,7 +44,7 @@ def structure(robot: Robot, actuation: Actuation, loads: Sequence[Load], request
 
 def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable:
     parts: list[Any] = [type(load)]
-    for field in attrs.fields(type(load)):
+    for field in attrs.fields(cast(Any, type(load))):
         value = getattr(load, field.name)
         parameter = known.get(prefix + field.name)
         if parameter is not None and not parameter.idle:

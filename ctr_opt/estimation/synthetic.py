@@ -11,7 +11,7 @@ from ..checks import array
 from ..errors import DefinitionError
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .experiment import Experiment

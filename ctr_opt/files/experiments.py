@@ -23,7 +23,7 @@ from ..estimation.measurements import (
     TangentMeasurement,
 )
 from ..estimation.measurements.kind import Place, whitening
-from ..loads.wrenches import PointWrench
+from ..loads.point import PointWrench
 from ..robot.actuation import Actuation
 from ..robot.names import shown
 from .text import write_atomically

@@ -18,7 +18,7 @@ from ..force.distributed import DistributedForce
 from ..force.estimate import ForceEstimate
 from ..force.problem import ForceEstimationProblem
 from ..force.unknown import PointForce, TipForce, TipWrench, UnknownLoad
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .problem import load_robot, read_load, tube_index

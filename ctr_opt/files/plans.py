@@ -14,7 +14,7 @@ from ..checks import number
 from ..errors import DefinitionError
 from ..forward.problem import ForwardProblem
 from ..forward.report import robot_report
-from ..loads.wrenches import PointWrench
+from ..loads.point import PointWrench
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .problem import Problem, load_robot

@@ -15,8 +15,11 @@ from ..checks import Array, choice, number
 from ..errors import DefinitionError
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
-from ..loads.gravity import DistributedMass, Gravity, PointMass
-from ..loads.wrenches import DistributedLoad, Load, PointWrench
+from ..loads.distributed import DistributedLoad
+from ..loads.gravity import Gravity
+from ..loads.kind import Load
+from ..loads.masses import DistributedMass, PointMass
+from ..loads.point import PointWrench
 from ..robot.actuation import Actuation
 from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature, Straight
 from ..robot.robot import ON_OVERLAP, Robot, report_overlaps

@@ -23,7 +23,7 @@ from ..estimation.places import nearest, orders
 from ..forward.equilibrium import Equilibrium
 from ..layout.configuration import Configuration
 from ..loads.gravity import Gravity
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.names import Parameter, loads_with, parameters, parsed
 from ..robot.robot import Robot

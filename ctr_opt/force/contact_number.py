@@ -7,7 +7,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..loads import places
+from ..loads import place
 from .unknown import PointForce, whole
 
 
@@ -43,7 +43,7 @@ class Contacts:
     """
 
     most: int = attrs.field(default=3, converter=_most)
-    tube: int = attrs.field(default=0, converter=places.tube)
+    tube: int = attrs.field(default=0, converter=place.tube)
     prior: Any = None
     bounds: Any = None
     between: Any = None

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import Array
-from ..loads.wrenches import PointWrench
+from ..loads.point import PointWrench
 from .case import Case
 from .model import LoadedModel, loaded_model
 

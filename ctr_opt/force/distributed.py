@@ -10,8 +10,9 @@ import numpy as np
 
 from ..checks import Array, number
 from ..errors import DefinitionError
-from ..loads import places
-from ..loads.wrenches import DistributedLoad, Load
+from ..loads import place
+from ..loads.distributed import DistributedLoad
+from ..loads.kind import Load
 from .unknown import Gaussian, Sought, limits, vector, whole
 
 if TYPE_CHECKING:
@@ -74,16 +75,16 @@ class DistributedForce:
     """
 
     coefficients: int = attrs.field(default=12, converter=_coefficients)
-    start: float = attrs.field(default=0.0, converter=places.start)
-    end: float | None = attrs.field(default=None, converter=places.end)
-    tube: int = attrs.field(default=0, converter=places.tube)
+    start: float = attrs.field(default=0.0, converter=place.start)
+    end: float | None = attrs.field(default=None, converter=place.end)
+    tube: int = attrs.field(default=0, converter=place.tube)
     degree: int = attrs.field(default=3, converter=_degree)
     smoothness: float | None = attrs.field(default=None, converter=_smoothness)
     prior: Any = None
     bounds: Any = None
 
     def __attrs_post_init__(self) -> None:
-        places.check_interval(self.start, self.end)
+        place.check_interval(self.start, self.end)
         if self.coefficients <= self.degree:
             raise DefinitionError(f"coefficients = {self.coefficients} must be above the degree, {self.degree}")
         _ = Gaussian.of(self.prior, "prior", 3), self.limits

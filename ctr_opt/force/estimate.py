@@ -15,7 +15,7 @@ from ..estimation.measurements import PositionMeasurement
 from ..estimation.places import free
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from .case import Case
 from .contact_number import Evidence
 from .contact_profile import LEVEL, Profile

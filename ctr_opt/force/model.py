@@ -18,7 +18,7 @@ from ..estimation.compiled_model import asked, compilable, of_probes, predicted,
 from ..estimation.measurements.kind import PredictionList, Request, Somewhere, Stacked
 from ..estimation.symbolic_model import GroupModel
 from ..layout.configuration import Configuration
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..native.predictions import Predictions
 from ..robot.actuation import Actuation
 from ..robot.names import parameters

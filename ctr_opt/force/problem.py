@@ -17,7 +17,7 @@ from ..estimation.measurements import Measurement
 from ..estimation.places import nearest
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .case import Case, Errors, check_places, tube_ends

@@ -14,7 +14,7 @@ from ..calibration.fit import Fit
 from ..checks import Array, array, number
 from ..errors import DefinitionError, EstimationError, SolveError
 from ..estimation.measurements import Measurement
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .case import Case, Numbered, extent

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..checks import Array, array, index, number
 from ..errors import DefinitionError
-from ..loads.wrenches import Load, PointWrench
+from ..loads.kind import Load
+from ..loads.point import PointWrench
 
 _TIP = 0  # the tube that the tip belongs to, as far as loads are concerned: forces there are the same for all
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..checks import Array, index
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..native.abi import Failure, Goal, Head
 from ..native.calls import LoadRows, Native, RobotTable
 from ..robot.actuation import Actuation

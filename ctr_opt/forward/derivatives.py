@@ -10,7 +10,7 @@ import numpy as np
 from ..checks import Array, index
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
-from ..loads.wrenches import PointWrench
+from ..loads.point import PointWrench
 from ..robot.names import Parameter, chosen, parameters
 from .outputs import Output, output, place_of
 from .sensitivity import Derivatives, Solved, derivatives, kinked

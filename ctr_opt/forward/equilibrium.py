@@ -13,7 +13,7 @@ import numpy as np
 from ..checks import Array, index
 from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration, Scales
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from ..solvers.status import SolveStatus

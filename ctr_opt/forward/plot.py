@@ -14,8 +14,9 @@ import numpy as np
 
 from ..checks import Array
 from ..errors import DefinitionError
-from ..loads.wrenches import Density, LoadTable
-from ..mechanics.fields import Field
+from ..layout.configuration import Placed
+from ..loads.density import value_at
+from ..loads.kind import Push
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -212,76 +213,48 @@ def _draw_frames(axes: Any, equilibrium: Equilibrium) -> None:
 
 def _draw_loads(axes: Any, equilibrium: Equilibrium) -> None:
     """Arrows that start at the backbone; the longest of each kind has the same length in every figure."""
-    points, rows = _point_wrenches(equilibrium), _distributed_wrenches(equilibrium)
+    points = _point_wrenches(equilibrium)
     for k, (kind, unit, color) in enumerate((("force", "N", _FORCE_COLOR), ("moment", "N mm", _MOMENT_COLOR))):
         values = np.array([wrench[k] for _, wrench in points]).reshape(-1, 3)
         at = np.array([equilibrium.position(s) for s, _ in points]).reshape(-1, 3)
         sizes = np.linalg.norm(values, axis=1) * (1.0 if kind == "force" else _MM)
         _draw_arrows(axes, equilibrium, at, values, 0.22, color, [f"{size:.3g} {unit}" for size in sizes])
-        for interval, densities in rows:
-            _draw_row(axes, equilibrium, interval, densities[k], kind, color)
+        for span in equilibrium.configuration.spans:
+            _draw_row(axes, equilibrium, span, k, color)
 
 
 def _point_wrenches(equilibrium: Equilibrium) -> list[tuple[float, tuple[Array, Array]]]:
-    """Where point loads act, and force and moment in the world frame."""
-    configuration = equilibrium.configuration
-    found = []
-    for s, tube, load in configuration.point_loads:
-        frame = equilibrium.pose(s, tube)[:3, :3] if load.frame == "body" else np.eye(3)
-        found.append((s, (frame @ load.force, frame @ load.moment)))
-    return found + [(s, _expressed(equilibrium, field, factor, s)) for s, field, factor in configuration.point_fields]
+    """Where loads act at points, and their forces and moments, world frame."""
+    return [(each.start, _wrench(equilibrium, each.push, each.start)) for each in equilibrium.configuration.points]
 
 
-def _distributed_wrenches(equilibrium: Equilibrium) -> list[tuple[tuple[float, float], tuple[Density, Density]]]:
-    """Intervals of distributed loads, and force and moment per arc length in the world frame."""
-    rows: list[tuple[tuple[float, float], tuple[Density, Density]]] = []
-    for start, end, load in equilibrium.configuration.distributed_loads:
-        densities = (load.force, load.moment)
-        if load.frame == "body":
-            densities = (_turned(equilibrium, load.tube, load.force), _turned(equilibrium, load.tube, load.moment))
-        rows.append(((start, end), densities))
-    for start, end, field, factor in equilibrium.configuration.distributed_fields:
-        both = [partial(_expressed_part, equilibrium, field, factor, part) for part in (0, 1)]
-        rows.append(((start, end), (both[0], both[1])))
-    return rows
+def _wrench(equilibrium: Equilibrium, push: Push, s: float) -> tuple[Array, Array]:
+    """Force and moment, world frame, of what acts at a place, or per arc length there."""
+    force, moment = value_at(push.force, s), value_at(push.moment, s)
+    if push.field is None and not push.body:
+        return force, moment
+    pose = equilibrium.pose(s, push.tube)
+    frame = pose[:3, :3]
+    if push.field is None:
+        return frame @ force, frame @ moment
+    force, moment = (part.full()[:, 0] for part in push.field.wrench(s, pose[:3, 3], frame))
+    return push.factor * force, push.factor * moment
 
 
-def _turned(equilibrium: Equilibrium, tube: int, density: Density) -> Density:
-    return lambda s: equilibrium.pose(s, tube)[:3, :3] @ _density(density, np.array([s]))[0]
-
-
-def _expressed(equilibrium: Equilibrium, field: Field, factor: float, s: float) -> tuple[Array, Array]:
-    """Force and moment of a load given as an expression, world frame."""
-    pose = equilibrium.pose(s, field.tube)
-    force, moment = field.wrench(s, pose[:3, 3], pose[:3, :3])
-    return factor * force.full()[:, 0], factor * moment.full()[:, 0]
-
-
-def _expressed_part(equilibrium: Equilibrium, field: Field, factor: float, part: int, s: float) -> Array:
-    return _expressed(equilibrium, field, factor, s)[part]
-
-
-def _draw_row(
-    axes: Any, equilibrium: Equilibrium, interval: tuple[float, float], density: Density, kind: str, color: str
-) -> None:
-    count = max(4, round(24 * (interval[1] - interval[0]) / equilibrium.length))
+def _draw_row(axes: Any, equilibrium: Equilibrium, span: Placed, k: int, color: str) -> None:
+    """Arrows of forces (``k = 0``) or moments along a span, and how large they become."""
+    interval = span.start, span.end
+    count = max(4, round(24 * (span.end - span.start) / equilibrium.length))
     s = np.linspace(*interval, count)
     breaks = np.clip(equilibrium.configuration.break_points, *interval)
-    values, dense = _density(density, s), _density(density, np.union1d(np.linspace(*interval, 201), breaks))
+    places = s, np.union1d(np.linspace(*interval, 201), breaks)
+    values, dense = (np.array([_wrench(equilibrium, span.push, float(x))[k] for x in own]) for own in places)
     sizes = np.linalg.norm(dense, axis=1)
     varies, peak = bool(np.ptp(sizes) > _CLOSE * sizes.max()), sizes.max()
     labels = [""] * count
     where = int(np.argmax(np.linalg.norm(values, axis=1))) if varies else 0
-    labels[where] = f"{'up to ' if varies else ''}{peak:.3g} {'N/m' if kind == 'force' else 'N m/m'}"
+    labels[where] = f"{'up to ' if varies else ''}{peak:.3g} {('N/m', 'N m/m')[k]}"
     _draw_arrows(axes, equilibrium, equilibrium.position(s), values, 0.09, color, labels)
-
-
-def _density(density: Density, s: Array) -> Array:
-    if isinstance(density, LoadTable):
-        return np.column_stack([np.interp(s, density.arc_length, row, 0.0, 0.0) for row in density.values.T])
-    if callable(density):
-        return np.array([np.asarray(density(float(x)), dtype=np.float64) for x in s])
-    return np.tile(density, (len(s), 1))
 
 
 def _draw_arrows(

@@ -11,7 +11,7 @@ import numpy as np
 from ..checks import array, flag
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from ..solvers.status import SolveStatus

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration
-from ..loads.wrenches import LOADS, Load
+from ..loads.kind import Load
 from ..mechanics.kind import DEAD, Kind, constant_kind
 from ..native.library import library
 from ..robot.actuation import Actuation
@@ -87,7 +87,7 @@ class ForwardSolver:
 
 def as_loads(loads: Any) -> tuple[Load, ...]:
     """A list of loads as a tuple."""
-    if isinstance(loads, LOADS):
+    if isinstance(loads, Load):
         raise DefinitionError(f"loads = {loads!r} must be a list of loads, like loads=[...]")
     try:
         return tuple(loads)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..checks import ARRAY_EQ, Array, array, number
 from ..errors import DefinitionError
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .least_distance import least_distance

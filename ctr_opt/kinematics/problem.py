@@ -15,7 +15,7 @@ from ..forward.batch.rows import rows_of_loads
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..forward.solver import as_loads
-from ..loads.wrenches import LOADS, Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .answers import CRITERIA, answered, best
@@ -181,7 +181,7 @@ class InverseKinematicsProblem:
             The path breaks off: where and why; ``.result`` is the path up to there.
         """
         places = targets_of(targets, axes)
-        given = [each if isinstance(each, LOADS) else as_loads(each) for each in as_loads(loads)]
+        given = [each if isinstance(each, Load) else as_loads(each) for each in as_loads(loads)]
         every = rows_of_loads(given, len(places))
         searches = [self.search(target, own) for target, own in zip(places, every, strict=True)]
         longest = np.repeat(_longest(longest_step), len(self.robot.tubes))

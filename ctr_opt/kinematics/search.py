@@ -16,7 +16,7 @@ import numpy as np
 from ..checks import Array
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from .least_distance import bounded_step, least_distance
 from .limits import Allowed, joints_of

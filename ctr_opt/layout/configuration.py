@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 from ..checks import Array
 from ..errors import DefinitionError
-from ..loads.fields import ExpressionLoad, PotentialLoad
-from ..loads.gravity import DistributedMass, Gravity, PointMass
-from ..loads.wrenches import LOADS, DistributedLoad, Load, LoadTable, PointWrench
-from ..mechanics.fields import Field
+from ..loads import LOADS
+from ..loads.density import knots, largest, values_at
+from ..loads.field import Field
+from ..loads.kind import Load, Push, lowered
+from ..loads.resolution import resolve
 from ..mechanics.kind import Kind
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .ends import Ends
-from .resolution import called, resolve
 
 LARGEST_TURN = 1.0  # rad, of a step
 MOST_STEPS = 200  # beyond what sections need: absurd loads shall fail soon, not fill the memory
@@ -52,14 +52,37 @@ class LoadValues:
         own = [np.zeros((*points, tubes, 3)) for _ in range(3)]
         return cls(np.zeros((*points, 3)), own[0], own[1], own[2], np.zeros((*points, fields)))
 
-    def add(self, where: Any, load: PointWrench | DistributedLoad, force: Array, moment: Array) -> None:
-        """Add force and moment that ``load`` applies at the points ``where``."""
-        if load.frame == "body":
-            self.body_force[*where, load.tube, :] += force
-            self.body_moment[*where, load.tube, :] += moment
+    def add(self, where: Any, push: Push, fields: Sequence[Field], force: Array, moment: Array) -> None:
+        """Add what ``push`` applies at the points ``where``; ``fields`` are the expressions that are wanted."""
+        if push.field is not None:
+            if push.field in fields:
+                self.field[*where, fields.index(push.field)] += push.factor
+        elif push.body:
+            self.body_force[*where, push.tube, :] += force
+            self.body_moment[*where, push.tube, :] += moment
         else:
             self.force[*where, :] += force
-            self.moment[*where, load.tube, :] += moment
+            self.moment[*where, push.tube, :] += moment
+
+
+@attrs.frozen(eq=False)
+class Placed:
+    """A push where it acts: at the point ``start``, or per arc length up to ``end``; ``name`` is for messages."""
+
+    name: str
+    push: Push
+    start: float
+    end: float
+
+    @property
+    def densities(self) -> list[tuple[str, Any]]:
+        """Force and moment per arc length, with their names."""
+        return [(f"{self.name}.force", self.push.force), (f"{self.name}.moment", self.push.moment)]
+
+    @property
+    def varies(self) -> bool:
+        """Whether nothing but its values is known along the span."""
+        return self.push.field is not None or any(callable(density) for _, density in self.densities)
 
 
 @attrs.frozen(eq=False)
@@ -112,91 +135,58 @@ class Configuration:
         self.bending_stiffness = np.array([tube.bending_stiffness for tube in tubes])
         self.torsional_stiffness = np.array([tube.torsional_stiffness for tube in tubes])
         self.scales = Scales(self.length, float(self.bending_stiffness.max()))
-        self.point_loads: list[tuple[float, int, PointWrench]] = []
-        self.distributed_loads: list[tuple[float, float, DistributedLoad]] = []
-        self._distributed_names: list[str] = []
-        self.point_fields: list[tuple[float, Field, float]] = []
-        self.distributed_fields: list[tuple[float, float, Field, float]] = []
-        self._gravity = sum((load.acceleration for load in self.loads if isinstance(load, Gravity)), np.zeros(3))
-        for k, load in enumerate(self.loads):
-            self._place(k, load)
+        self.points: list[Placed] = []
+        self.spans: list[Placed] = []
+        self._place()
         self.break_points = self._break_points()
-        self.point_loads = [(self._nearest_break(s), tube, load) for s, tube, load in self.point_loads]
-        self.point_fields = [(self._nearest_break(s), field, factor) for s, field, factor in self.point_fields]
+        self.points = [attrs.evolve(placed, start=self._nearest_break(placed.start)) for placed in self.points]
+        pushes = [placed.push for placed in (*self.points, *self.spans)]
         self.kind = Kind(
-            any(isinstance(load, (PointWrench, DistributedLoad)) and load.frame == "body" for load in self.loads),
-            tuple(dict.fromkeys([f for _, f, _ in self.point_fields] + [f for _, _, f, _ in self.distributed_fields])),
+            any(push.body for push in pushes),
+            tuple(dict.fromkeys(push.field for push in pushes if push.field is not None)),
         )
         self.transmission_twist, self._straightening_energy = self._transmission()
 
-    def _place(self, k: int, load: Load) -> None:
-        if not isinstance(load, LOADS):
-            raise DefinitionError(f"loads[{k}] = {load!r} must be one of {', '.join(kind.__name__ for kind in LOADS)}")
-        if isinstance(load, Gravity):
-            self._place_weights(load)
-            return
-        tube = load.tube
-        if tube >= self.tube_count:
-            raise DefinitionError(
-                f"loads[{k}]: tube = {tube} is not there: the robot has tubes 0 to {self.tube_count - 1}"
-            )
-        tube_end = self.ends.of(tube)
-
-        def inside(field: str, value: float | None) -> float:
-            if value is None:
-                return tube_end
-            if not self.ends.reaches(tube, value):
+    def _place(self) -> None:
+        """Place what the loads come to, as far as each is on its tube."""
+        for k, load in enumerate(self.loads):
+            if not isinstance(load, Load):
+                names = ", ".join(kind.__name__ for kind in LOADS)
+                raise DefinitionError(f"loads[{k}] = {load!r} must be one of {names}")
+            tube = getattr(load, "tube", 0)
+            if tube >= self.tube_count:
                 raise DefinitionError(
-                    f"loads[{k}]: {field} = {value:g} m is beyond the end of tube {tube} "
-                    f"({self.robot.tubes[tube].name!r}): allowed are 0 to {tube_end:g} m at this actuation"
+                    f"loads[{k}]: tube = {tube} is not there: the robot has tubes 0 to {self.tube_count - 1}"
                 )
-            return min(value, tube_end)
+        for k, push in lowered(self.robot, self.loads):
+            start, *end = (self._inside(k, field, push.tube) for field in push.places)
+            if end and end[0] <= start:
+                raise DefinitionError(f"loads[{k}]: end = {end[0]:g} m must be above start = {start:g} m")
+            (self.spans if end else self.points).append(Placed(f"loads[{k}]", push, start, *(end or (start,))))
 
-        if isinstance(load, (PotentialLoad, ExpressionLoad)) and load.factor == 0.0:
-            return
-        if isinstance(load, (PotentialLoad, ExpressionLoad)) and not load.distributed:
-            self.point_fields.append((inside("arc_length", load.arc_length), Field.of(load), load.factor))
-            return
-        if isinstance(load, (PointWrench, PointMass)):
-            s = inside("arc_length", load.arc_length)
-            wrench = PointWrench(load.mass * self._gravity, tube=tube) if isinstance(load, PointMass) else load
-            self.point_loads.append((s, tube, wrench))
-            return
-        start, end = inside("start", load.start or 0.0), inside("end", load.end)
-        if end <= start:
-            raise DefinitionError(f"loads[{k}]: end = {end:g} m must be above start = {start:g} m")
-        if isinstance(load, (PotentialLoad, ExpressionLoad)):
-            self.distributed_fields.append((start, end, Field.of(load), load.factor))
-            return
-        if isinstance(load, DistributedMass):
-            load = DistributedLoad(force=load.mass_per_length * self._gravity, tube=tube)
-        self.distributed_loads.append((start, end, load))
-        self._distributed_names.append(f"loads[{k}]")
-
-    def _place_weights(self, gravity: Gravity) -> None:
-        """The tubes' own weight in front of the entry point."""
-        for i, (tube, end) in enumerate(zip(self.robot.tubes, self.ends.points, strict=True)):
-            if tube.density > 0.0:
-                weight = DistributedLoad(force=tube.mass_per_length * gravity.acceleration, tube=i)
-                self.distributed_loads.append((0.0, end, weight))
-                self._distributed_names.append(f"the weight of tube {i}")
+    def _inside(self, k: int, field: str, tube: int) -> float:
+        """The arc length that an argument of a load gives, on its tube."""
+        value, tube_end = self.loads[k].where(field), self.ends.of(tube)
+        if value is None:
+            return tube_end
+        if not self.ends.reaches(tube, value):
+            raise DefinitionError(
+                f"loads[{k}]: {field} = {value:g} m is beyond the end of tube {tube} "
+                f"({self.robot.tubes[tube].name!r}): allowed are 0 to {tube_end:g} m at this actuation"
+            )
+        return min(value, tube_end)
 
     def _break_points(self) -> Array:
         points = [0.0, *self.ends.points]
         for tube, translation in zip(self.robot.tubes, self.translations, strict=True):
             points.extend(translation + tube.shape.breaks[:-1])
-        points.extend(s for s, _, _ in (*self.point_loads, *self.point_fields))
-        for start, end, expression, _ in self.distributed_fields:
-            points.extend((start, end))
-            if expression.varies_along:
-                points.extend(self._resolved(expression, start, end))
-        for name, (start, end, load) in zip(self._distributed_names, self.distributed_loads, strict=True):
-            points.extend((start, end))
-            for field, density in (("force", load.force), ("moment", load.moment)):
-                if isinstance(density, LoadTable):
-                    points.extend(density.arc_length[(density.arc_length > start) & (density.arc_length < end)])
-                elif callable(density):
-                    points.extend(resolve(density, start, end, f"{name}.{field}"))
+        points.extend(placed.start for placed in self.points)
+        for placed in self.spans:
+            points.extend((placed.start, placed.end))
+            if placed.push.field is not None and placed.push.field.varies_along:
+                points.extend(self._resolved(placed.push.field, placed.start, placed.end))
+            for name, density in placed.densities:
+                points.extend(knots(density, placed.start, placed.end, name))
         inside = np.unique(self.ends.snap(np.clip(points, 0.0, self.length)))
         return np.asarray(inside[np.diff(inside, prepend=-np.inf) > self.ends.slack])
 
@@ -257,9 +247,7 @@ class Configuration:
 
     def _varies_between(self, start: float, end: float) -> bool:
         """Whether a load acts there of which only its values are known."""
-        functions = [(a, b) for a, b, load in self.distributed_loads if callable(load.force) or callable(load.moment)]
-        fields = [(a, b) for a, b, _, _ in self.distributed_fields]
-        return any(a < end and start < b for a, b in (*functions, *fields))
+        return any(span.start < end and start < span.end for span in self.spans if span.varies)
 
     def _curvature_bound(self, start: float, end: float) -> float:
         """A rough upper bound of the curvature in a section, 1/m."""
@@ -267,17 +255,19 @@ class Configuration:
         stiffness = float((self.bending_stiffness * self.present(middle)[0]).sum())
         nodes = self.nodes(np.array([[start, end]]), np.linspace(0.0, 1.0, 5))
         couple, force, lever = 0.0, 0.0, 0.0
-        for s, _, load in self.point_loads:
-            if s > start:
-                couple += float(np.linalg.norm(load.moment))
-                force += float(np.linalg.norm(load.force))
-                lever += (s - start) * float(np.linalg.norm(load.force))
-        for a, b, distributed in self.distributed_loads:
-            if b > start:
-                density = _largest(distributed.force, a, b)
-                couple += (b - a) * _largest(distributed.moment, a, b)
-                force += (b - a) * density
-                lever += (b - a) * density * (b - start)
+        for point in self.points:
+            if point.start > start:
+                size = float(np.linalg.norm(point.push.force))
+                couple += float(np.linalg.norm(point.push.moment))
+                force += size
+                lever += (point.start - start) * size
+        for span in self.spans:
+            if span.end > start:
+                extent = span.end - span.start
+                density, turning = (largest(each, span.start, span.end) for _, each in span.densities)
+                couple += extent * turning
+                force += extent * density
+                lever += extent * density * (span.end - start)
         preset = float(np.abs(nodes.precurvature).max())
         # A force bends an elastica to at most 2 sqrt(F / EI), however long the lever.
         return preset + couple / stiffness + min(lever / stiffness, 2.0 * float(np.sqrt(force / stiffness)))
@@ -300,15 +290,11 @@ class Configuration:
             piece = np.broadcast_to(tube.shape.piece(middle - self.translations[i])[:, None], s.shape)
             precurvature[:, :, i] = tube.shape(sigma, piece) * present[:, i, None, None]
         loads = LoadValues.none((count, size), self.tube_count, len(fields))
-        for name, (a, b, load) in zip(self._distributed_names, self.distributed_loads, strict=True):
-            here = (middle > a) & (middle < b)
+        for span in self.spans:
+            here = (middle > span.start) & (middle < span.end)
             if here.any():
-                force = _density(load.force, s[here], middle[here], f"{name}.force")
-                moment = _density(load.moment, s[here], middle[here], f"{name}.moment")
-                loads.add((here, slice(None)), load, force, moment)
-        for a, b, field, factor in self.distributed_fields:
-            if field in fields:
-                loads.field[(middle > a) & (middle < b), :, fields.index(field)] += factor
+                both = (values_at(density, s[here], middle[here], name) for name, density in span.densities)
+                loads.add((here, slice(None)), span.push, fields, *both)
         return Nodes(precurvature, loads)
 
     def loads_on(self, tube_ends: Array, factor: float) -> list[Load]:
@@ -318,20 +304,8 @@ class Configuration:
         """
         if factor == 0.0:
             return []
-        moved: list[Load] = []
-        for load in self.loads:
-            scaled: Any = load.times(factor)
-            if isinstance(scaled, Gravity):
-                moved.append(scaled)
-                continue
-            end = float(tube_ends[scaled.tube])
-            field = isinstance(scaled, (PotentialLoad, ExpressionLoad))
-            if isinstance(scaled, (PointWrench, PointMass)) or (field and not scaled.distributed):
-                s = scaled.arc_length
-                moved.append(scaled if s is None or s <= end else attrs.evolve(scaled, arc_length=end))
-            elif (scaled.start or 0.0) < end:
-                moved.append(attrs.evolve(scaled, end=None if scaled.end is None else min(scaled.end, end)))
-        return moved
+        moved = (load.times(factor).within(tube_ends) for load in self.loads)
+        return [load for load in moved if load is not None]
 
     @property
     def without_potential(self) -> str:
@@ -351,11 +325,8 @@ class Configuration:
     def jumps(self, points: Array, fields: Sequence[Field] = ()) -> LoadValues:
         """The point loads that act at ``points (k,)``, nodes of a mesh."""
         loads = LoadValues.none((len(points),), self.tube_count, len(fields))
-        for s, _, load in self.point_loads:
-            loads.add((points == s,), load, load.force, load.moment)
-        for s, field, factor in self.point_fields:
-            if field in fields:
-                loads.field[points == s, fields.index(field)] += factor
+        for placed in self.points:
+            loads.add((points == placed.start,), placed.push, fields, placed.push.force, placed.push.moment)
         return loads
 
 
@@ -376,22 +347,3 @@ def _check_reach(robot: Robot, translations: Array) -> None:
                 f"tube {k} ({tube.name!r}): translations[{k}] = {translation:g} m draws it wholly behind the entry "
                 f"point: it must be above -{tube.length:g} m, the tube's length, and at most 0"
             )
-
-
-def _density(density: Any, s: Array, middle: Array, field: str) -> Array:
-    if isinstance(density, LoadTable):
-        polynomial = density.polynomial()
-        covered = (middle > density.arc_length[0]) & (middle < density.arc_length[-1])
-        piece = np.broadcast_to(polynomial.piece(middle)[:, None], s.shape)
-        return np.asarray(polynomial(s, piece) * covered[:, None, None])
-    if callable(density):
-        return np.array([[called(density, float(x), field) for x in row] for row in s])
-    return np.broadcast_to(np.asarray(density), (*s.shape, 3))
-
-
-def _largest(density: Any, start: float, end: float) -> float:
-    if isinstance(density, LoadTable):
-        return float(np.linalg.norm(density.values, axis=1).max())
-    if callable(density):
-        return max(float(np.linalg.norm(called(density, float(s), "load"))) for s in np.linspace(start, end, 9))
-    return float(np.linalg.norm(density))

@@ -10,6 +10,8 @@ import casadi as ca
 import numpy as np
 
 from ..checks import Array
+from ..loads.field import Field
+from ..loads.kind import Push
 from ..mechanics.kind import Kind
 from ..mechanics.so3 import quaternion_of_angles, quaternion_product
 from .columns import EntryColumn, StepColumns
@@ -113,36 +115,25 @@ class ParametricColumns:
 
     def _distributed(self, section: int, nodes: Any) -> dict[str, Any]:
         """Loads per arc length at places in a section."""
-        order, total = self.order, _Sums(self.parametric.tubes, nodes.shape[1])
-        for push in self.parametric.loads.pushes:
-            weight = 0.0 if push.end is None else order.within(push.start, push.end, section)
+        total = _Sums(self.parametric.tubes, nodes.shape[1], self.kind.fields)
+        for placed in self.parametric.loads.placed:
+            weight = 0.0 if placed.end is None else self.order.within(placed.start, placed.end, section)
             if isinstance(weight, float) and weight == 0.0:
                 continue
-            force, moment = (self._density(density, section, nodes) for density in (push.force, push.moment))
-            total.add(push.tube, push.body, weight * force, weight * moment)
-        fields = [
-            (push.field, order.within(push.start, push.end, section) * push.factor)
-            for push in self.parametric.loads.fields
-            if push.end is not None
-        ]
-        return self._named(total, nodes, fields, "")
+            both = (self._density(density, section, nodes) for density in (placed.push.force, placed.push.moment))
+            total.add(placed.push, weight, *both)
+        return self._named(total, nodes, "")
 
     def _points(self, position: int, s: Any, *, active: bool) -> dict[str, Any]:
         """Point loads at a position."""
-        total, order, fields = _Sums(self.parametric.tubes, 1), self.order, []
-        for push in self.parametric.loads.pushes if active else ():
-            if push.end is None:
-                weight = order.at(push.start, position)
-                total.add(push.tube, push.body, weight * push.force, weight * push.moment)
-        for spring in self.parametric.loads.fields if active else ():
-            if spring.end is None:
-                fields.append((spring.field, order.at(spring.start, position) * spring.factor))
-        return self._named(total, ca.SX(s), fields, "point_")
+        total = _Sums(self.parametric.tubes, 1, self.kind.fields)
+        for placed in self.parametric.loads.placed if active else ():
+            if placed.end is None:
+                weight = self.order.at(placed.start, position)
+                total.add(placed.push, weight, placed.push.force, placed.push.moment)
+        return self._named(total, ca.SX(s), "point_")
 
-    def _named(self, total: _Sums, places: Any, fields: list[Any], prefix: str) -> dict[str, Any]:
-        factors = [ca.SX(0) for _ in self.kind.fields]
-        for field, factor in fields:
-            factors[self.kind.fields.index(field)] += factor
+    def _named(self, total: _Sums, places: Any, prefix: str) -> dict[str, Any]:
         data = {
             "force": ca.vec(total.force),
             "moment": ca.vec(ca.vertcat(*total.moment)),
@@ -150,7 +141,7 @@ class ParametricColumns:
             "body_moment": ca.vec(ca.vertcat(*total.body_moment)),
             "place": places.T,
             "unit": self._scales.length,
-            "field": ca.repmat(ca.vertcat(*factors), places.shape[1], 1),
+            "field": ca.repmat(ca.vertcat(*total.factors), places.shape[1], 1),
         }
         return {prefix + name: part for name, part in data.items()}
 
@@ -173,21 +164,24 @@ class ParametricColumns:
 
 
 class _Sums:
-    """Forces and the tubes' moments that add up at places, ``(3, places)`` each."""
+    """Forces and the tubes' moments that add up at places, ``(3, places)`` each, and the factors of ``fields``."""
 
-    def __init__(self, tubes: int, places: int) -> None:
+    def __init__(self, tubes: int, places: int, fields: tuple[Field, ...]) -> None:
         self.force = ca.SX.zeros(3, places)
         self.moment, self.body_force, self.body_moment = (
             [ca.SX.zeros(3, places) for _ in range(tubes)] for _ in range(3)
         )
+        self.fields, self.factors = fields, [ca.SX(0) for _ in fields]
 
-    def add(self, tube: int, body: bool, force: Any, moment: Any) -> None:
-        if body:
-            self.body_force[tube] += force
-            self.body_moment[tube] += moment
+    def add(self, push: Push, weight: Any, force: Any, moment: Any) -> None:
+        if push.field is not None:
+            self.factors[self.fields.index(push.field)] += weight * push.factor
+        elif push.body:
+            self.body_force[push.tube] += weight * force
+            self.body_moment[push.tube] += weight * moment
         else:
-            self.force += force
-            self.moment[tube] += moment
+            self.force += weight * force
+            self.moment[push.tube] += weight * moment
 
 
 def _column(data: dict[str, Any], parts: dict[str, slice], units: dict[str, float]) -> Any:

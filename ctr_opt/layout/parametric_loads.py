@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import attrs
 import casadi as ca
 import numpy as np
 
-from ..loads.fields import ExpressionLoad, PotentialLoad
-from ..loads.gravity import DistributedMass, Gravity, PointMass
-from ..loads.wrenches import DistributedLoad, Load, LoadTable, PointWrench
-from ..mechanics.fields import Field
+from ..loads.density import LoadTable
+from ..loads.kind import Load, Push
 from ..robot import tube as formulas
 from .ordering import AHEAD, ENTRY, PASSED, Key
 
@@ -31,44 +30,55 @@ class Density:
 
 
 @attrs.frozen(eq=False)
-class Push:
-    """A load of given direction: at the point ``start``, where there is no ``end``, or between two break points."""
+class Placed:
+    """A push with parameters for numbers: at the point ``start``, or up to ``end`` with a :class:`Density`."""
 
+    push: Push
     start: Key
     end: Key | None
-    tube: int
-    body: bool
-    force: Any
-    moment: Any
-
-
-@attrs.frozen(eq=False)
-class FieldPush:
-    """A load given as an expression, likewise."""
-
-    start: Key
-    end: Key | None
-    field: Field
-    factor: Any
 
 
 class ParametricLoads:
-    """The loads of a parametric robot: dead and body ones as ``pushes``, expressions as ``fields``."""
+    """What the loads of a parametric robot come to, dead, body and expressed ones."""
 
     def __init__(self, of: Parametric) -> None:
         self.of = of
-        self.gravity = sum(
-            (
-                of.vector(f"loads[{k}].acceleration")
-                for k, load in enumerate(of.configuration.loads)
-                if isinstance(load, Gravity)
-            ),
-            ca.DM.zeros(3),
+        loads = of.configuration.loads
+        pulling = [self._number(k, load, load.pulls) for k, load in enumerate(loads) if load.pulls]
+        gravity, masses = sum(pulling, ca.DM.zeros(3)), self._masses() if pulling else []
+        self.placed = [
+            self._placed(k, load, push)
+            for k, load in enumerate(loads)
+            for push in load.lowered(partial(self._number, k, load), gravity, masses)
+        ]
+
+    def _number(self, k: int, load: Load, field: str) -> Any:
+        """A load's number: a scalar, a column, a table of columns, or a function."""
+        given, name = getattr(load, field), f"loads[{k}].{field}"
+        if isinstance(given, LoadTable):
+            return LoadTable(given.arc_length, self.of.rows(name))
+        if callable(given):
+            return given
+        return self.of.vector(name) if np.ndim(given) else self.of.at(name)
+
+    def _masses(self) -> list[Any]:
+        """The tubes' masses per length; None where there is none."""
+        masses = []
+        for i, tube in enumerate(self.of.configuration.robot.tubes):
+            name = f"tubes[{i}]."
+            area = formulas.cross_section(self.of.at(name + "outer_diameter"), self.of.at(name + "inner_diameter"))
+            heavy = tube.density > 0.0 or name + "density" in self.of.values
+            masses.append(self.of.at(name + "density") * area if heavy else None)
+        return masses
+
+    def _placed(self, k: int, load: Load, push: Push) -> Placed:
+        start, *end = (self._point(k, field, load.where(field), push.tube) for field in push.places)
+        if not end:
+            return Placed(push, start, None)
+        force, moment = (
+            self._density(k, load, field, getattr(push, field), end[0], push.tube) for field in ("force", "moment")
         )
-        self.pushes: list[Push] = []
-        self.fields: list[FieldPush] = []
-        for k, load in enumerate(of.configuration.loads):
-            self._place(k, load)
+        return Placed(push._replace(force=force, moment=moment), start, end[0])
 
     def _point(self, k: int, field: str, nominal: float | None, tube: int) -> Key:
         """The break point where a load acts, begins or ends."""
@@ -81,58 +91,15 @@ class ParametricLoads:
         self.of.within.append(end - value)
         return self.of.add(("load", k, field), value, min(nominal, float(self.of.configuration.tube_ends[tube])), end)
 
-    def _place(self, k: int, load: Load) -> None:
-        name = f"loads[{k}]"
-        if isinstance(load, Gravity):
-            self._place_weights(k)
-            return
-        begin, stop = self._points_of(k, load)
-        if isinstance(load, (PotentialLoad, ExpressionLoad)):
-            if load.factor != 0.0:
-                self.fields.append(FieldPush(begin, stop, Field.of(load), self.of.at(f"{name}.factor")))
-            return
-        if isinstance(load, (PointMass, DistributedMass)):
-            field = "mass" if isinstance(load, PointMass) else "mass_per_length"
-            force, none = self.of.at(f"{name}.{field}") * self.gravity, ca.DM.zeros(3)
-            constant = (force, none) if stop is None else (Density(rows=[force]), Density(rows=[none]))
-            self.pushes.append(Push(begin, stop, load.tube, False, *constant))
-            return
-        body = load.frame == "body"
-        if isinstance(load, PointWrench):
-            both = self.of.vector(f"{name}.force"), self.of.vector(f"{name}.moment")
-        else:
-            assert stop is not None
-            both = self._density(k, load, "force", stop), self._density(k, load, "moment", stop)
-        self.pushes.append(Push(begin, stop, load.tube, body, *both))
-
-    def _points_of(self, k: int, load: Any) -> tuple[Key, Key | None]:
-        """Where a load begins and ends, or the point where it acts."""
-        if isinstance(load, (DistributedLoad, DistributedMass)) or getattr(load, "distributed", False):
-            return self._point(k, "start", load.start or 0.0, load.tube), self._point(k, "end", load.end, load.tube)
-        return self._point(k, "arc_length", load.arc_length, load.tube), None
-
-    def _place_weights(self, k: int) -> None:
-        acceleration = self.of.vector(f"loads[{k}].acceleration")
-        for i, tube in enumerate(self.of.configuration.robot.tubes):
-            name = f"tubes[{i}]."
-            if tube.density > 0.0 or name + "density" in self.of.values:
-                area = formulas.cross_section(self.of.at(name + "outer_diameter"), self.of.at(name + "inner_diameter"))
-                weight = Density(rows=[self.of.at(name + "density") * area * acceleration])
-                self.pushes.append(Push(ENTRY, self.of.tube_end(i), i, False, weight, Density(rows=[ca.DM.zeros(3)])))
-
-    def _density(self, k: int, load: DistributedLoad, field: str, end: Key) -> Density:
-        value, name = getattr(load, field), f"loads[{k}].{field}"
-        if callable(value) and not isinstance(value, LoadTable):
-            return Density(function=value)
-        rows = self.of.rows(name)
+    def _density(self, k: int, load: Load, field: str, value: Any, end: Key, tube: int) -> Density:
         if not isinstance(value, LoadTable):
-            return Density(rows=rows)
-        steps = np.diff(value.arc_length)
-        slopes = [(b - a) / float(h) for a, b, h in zip(rows, rows[1:], steps, strict=False)]
+            return Density(function=value) if callable(value) else Density(rows=[ca.SX(value)])
+        places, rows, first = value.arc_length.tolist(), list(value.values), load.where("start") or 0.0
+        slopes = [(b - a) / float(h) for a, b, h in zip(rows, rows[1:], np.diff(value.arc_length), strict=False)]
         knots: list[Key] = []
-        for m, s in enumerate(value.arc_length.tolist()):
-            if not self.of.clip and not load.start <= s <= self.of.nominal[end]:
-                knots.append(PASSED if s < load.start else AHEAD)
+        for m, s in enumerate(places):
+            if not self.of.clip and not first <= s <= self.of.nominal[end]:
+                knots.append(PASSED if s < first else AHEAD)
             else:
-                knots.append(self.of.add(("knot", k, field, m), s, s, self.of.points[self.of.tube_end(load.tube)]))
-        return Density(knots, value.arc_length.tolist(), rows, slopes)
+                knots.append(self.of.add(("knot", k, field, m), s, s, self.of.points[self.of.tube_end(tube)]))
+        return Density(knots, places, rows, slopes)

@@ -1,1 +1,14 @@
 """Loads on a robot, one file a kind: frozen, validated values in plain numpy."""
+
+from __future__ import annotations
+
+from .distributed import DistributedLoad as DistributedLoad
+from .expression import ExpressionLoad as ExpressionLoad
+from .gravity import Gravity as Gravity
+from .kind import Load as Load
+from .masses import DistributedMass as DistributedMass
+from .masses import PointMass as PointMass
+from .point import PointWrench as PointWrench
+from .potential import PotentialLoad as PotentialLoad
+
+LOADS = (PointWrench, DistributedLoad, Gravity, PointMass, DistributedMass, PotentialLoad, ExpressionLoad)

@@ -1,61 +1,162 @@
-"""What all loads can say of themselves, and what loads with a potential have in common."""
+"""What a load is: numbers with names, and what it comes to in points and spans of force and moment.
+
+The engine never asks for a load's kind. It takes what the load lowers itself to (:class:`Push`), asks for its numbers
+by name, multiplies it, and keeps it on its tube.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, ClassVar, Self, cast
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
+from typing import Any, ClassVar, NamedTuple, Self, cast
 
 import attrs
 import numpy as np
 
-from ..robot.names import Parameter, optional
+from ..checks import Array
+from ..robot.names import Parameter, optional, shown
+from ..robot.robot import Robot
+from .density import LoadTable, numbers_of, scaled
+from .field import Field
 
+Number = Callable[[str], Any]
+"""A load's number by its name: as it is, or a symbol in its place."""
+_ZERO = np.zeros(3)
+_PLACES = ("arc_length", "start", "end")
 _CALLED = "it is a function"
 
 
-class Numbered:
-    """A load's numbers, by the names of its arguments: see :class:`ctr_opt.robot.names.Numbered`."""
+class Push(NamedTuple):
+    """What acts on one tube, in numbers or in symbols.
+
+    ``places`` names the load's arguments that say where: one for a point, two for a span. ``force`` and ``moment`` are
+    vectors, N and N m, and densities along a span; world-fixed, or in the tube's material frame (``body``). Instead of
+    them, an expression ``field`` multiplied by ``factor``.
+    """
+
+    tube: int
+    places: tuple[str, ...]
+    force: Any = _ZERO
+    moment: Any = _ZERO
+    body: bool = False
+    field: Field | None = None
+    factor: Any = 0.0
+
+    @property
+    def constant(self) -> bool:
+        """Whether it is a force and a moment that do not vary along a span, in numbers."""
+        return self.field is None and isinstance(self.force, np.ndarray) and isinstance(self.moment, np.ndarray)
+
+
+class Load:
+    """A load on a robot."""
 
     __slots__ = ()
 
     units: ClassVar[dict[str, str]]
-    """The arguments that are numbers, and their units."""
-    pulls: ClassVar[bool] = False
+    """The arguments that are numbers, and their SI units."""
+    pulls: ClassVar[str] = ""
+    """The argument by which it accelerates masses, if it does."""
+
+    def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:
+        """What it comes to.
+
+        ``number`` gives its numbers by name, ``gravity (3,)`` is the sum of all that pulls at masses, m/s^2; ``masses``
+        are those of the tubes per length, kg/m, None where there is none.
+        """
+        raise NotImplementedError
+
+    @property
+    def nonconservative(self) -> str:
+        """Why it has no potential; empty if it has one."""
+        return ""
+
+    def conservative_part(self) -> Self | None:
+        """What of the load has a potential."""
+        return None if self.nonconservative else self
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The arguments that say where it acts: ``("arc_length",)``, ``("start", "end")`` or none."""
+        return _places_in(tuple(self.units))
 
     @property
     def fields(self) -> tuple[str, ...]:
         """The arguments that are numbers of this load."""
-        return tuple(self.units)
+        return tuple(field for field in self.units if field not in _PLACES or field in self.places)
+
+    @property
+    def amounts(self) -> tuple[str, ...]:
+        """Those that are multiplied where the load is."""
+        return tuple(field for field in self.units if field not in _PLACES)
 
     def idle(self, pulled: bool) -> str:  # noqa: ARG002
-        """Why none of them acts; ``pulled``: whether there is a load that pulls at masses."""
+        """Why no number of it acts; ``pulled``: whether anything pulls at masses."""
         return ""
 
     def numbers(self, prefix: str, pulled: bool) -> Iterator[Parameter]:
         """Its numbers, their names behind a prefix."""
         for field in self.fields:
             value = getattr(self, field)
-            plain = not callable(value)
-            shown, idle = (getattr(value, "values", value), self.idle(pulled)) if plain else (np.nan, _CALLED)
-            yield optional(prefix + field, shown, idle, unit=self.units[field])
+            given, idle = (np.nan, _CALLED) if callable(value) else (numbers_of(value), self.idle(pulled))
+            yield optional(prefix + field, given, idle, unit=self.units[field])
 
     def replaced(self, field: str, value: Any) -> Self:
         """The load with another number."""
         before = getattr(self, field)
-        new = attrs.evolve(before, values=value) if hasattr(before, "values") else value
-        return cast(Self, attrs.evolve(cast(Any, self), **{field: new}))
+        return self._with({field: attrs.evolve(before, values=value) if isinstance(before, LoadTable) else value})
+
+    def times(self, factor: float) -> Self:
+        """The load multiplied."""
+        return self._with({field: scaled(getattr(self, field), factor) for field in self.amounts})
+
+    def where(self, field: str) -> float | None:
+        """The arc length that an argument gives, m; None: the tube's distal end."""
+        value: float | None = getattr(self, field)
+        return 0.0 if value is None and field == "start" else value
+
+    def within(self, tube_ends: Array) -> Self | None:
+        """The load kept on its tube, if tubes end there; None for an interval that is pushed off.
+
+        What rides on a tube's end stays there.
+        """
+        end = float(tube_ends[getattr(self, "tube", 0)])
+        if "start" in self.places and (self.where("start") or 0.0) >= end:
+            return None
+        last = self.places[-1:]
+        return self._with({field: min(s, end) for field in last if (s := self.where(field)) is not None and s > end})
+
+    def _with(self, fields: dict[str, Any]) -> Self:
+        return attrs.evolve(cast(Any, self), **fields) if fields else self
+
+    def __str__(self) -> str:
+        """The load in a line."""
+        told = []
+        for number in self.numbers("", pulled=True):
+            if not number.idle and number.value.ndim < 2 and number.value.any():
+                factor, unit = shown(number.unit)
+                values = ", ".join(f"{factor * x:.6g}" for x in np.atleast_1d(number.value))
+                told.append(f"{number.name} {f'({values})' if number.size > 1 else values} {unit}".rstrip())
+        carrier = f" on tube {self.tube}" if hasattr(self, "tube") else ""
+        return f"{type(self).__name__}{carrier}: {', '.join(told) or 'nothing'}"
 
 
-class Conservative:
-    """A load that has a potential, all of it."""
+@cache
+def _places_in(fields: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(field for field in _PLACES if field in fields)
 
-    __slots__ = ()
 
-    @property
-    def nonconservative(self) -> str:
-        """Why it has no potential: it has one."""
-        return ""
+def weights(robot: Robot, loads: Sequence[Load]) -> tuple[Array, list[float | None]]:
+    """The acceleration of masses ``(3,)`` and the tubes' masses per length, for :meth:`Load.lowered` in numbers."""
+    pulling = [getattr(load, load.pulls) for load in loads if load.pulls]
+    if not pulling:
+        return _ZERO, []
+    return sum(pulling, _ZERO), [tube.mass_per_length if tube.density > 0.0 else None for tube in robot.tubes]
 
-    def conservative_part(self) -> Self:
-        """The load itself."""
-        return self
+
+def lowered(robot: Robot, loads: Sequence[Load]) -> Iterator[tuple[int, Push]]:
+    """What the loads come to in numbers, each with the load's index."""
+    gravity, masses = weights(robot, loads)
+    for k, load in enumerate(loads):
+        for push in load.lowered(partial(getattr, load), gravity, masses):
+            yield k, push

@@ -7,7 +7,7 @@ from typing import Any
 
 import attrs
 
-from .fields import Field
+from ..loads.field import Field
 
 
 @attrs.frozen(cache_hash=True)

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CompilationError
-from ..loads.gravity import DistributedMass, Gravity, PointMass
-from ..loads.wrenches import DistributedLoad, Load, PointWrench
+from ..loads.kind import Load, Push, lowered
 from ..mechanics.kind import Kind
 from ..robot.robot import Robot
 from . import abi
@@ -66,7 +65,7 @@ class LoadRows:
 
     def numbers(self, load: Load | None, row: int, field: str) -> NDArray[np.float64]:
         """A view of a load's numbers, in the row where it stands, or of a probe's (None): may be written to."""
-        spans = isinstance(load, (DistributedLoad, DistributedMass))
+        spans = load is not None and "start" in load.places
         table, parts = (self._span, _SPAN) if spans else (self._point, _POINT)
         return np.asarray(table[row, parts["s" if field == "arc_length" else field]])
 
@@ -81,36 +80,24 @@ class LoadRows:
         points: list[tuple[float, ...]] = [(np.nan if s is None else s, tube, *(0.0,) * 7) for s, tube in probes]
         spans: list[tuple[float, ...]] = []
         rows: dict[int, int] = {}
-        gravity = sum((load.acceleration for load in loads if isinstance(load, Gravity)), np.zeros(3))
-        for k, load in enumerate(loads):
-            rows[k] = len(points if isinstance(load, (PointWrench, PointMass)) else spans)
-            if isinstance(load, PointWrench):
-                points.append(_row(load.arc_length, None, load, load.force, load.moment))
-            elif isinstance(load, PointMass):
-                points.append(_row(load.arc_length, None, load, load.mass * gravity))
-            elif isinstance(load, DistributedMass):
-                spans.append(_row(load.start, load.end, load, load.mass_per_length * gravity))
-            elif isinstance(load, Gravity):
-                weights = [(i, tube.mass_per_length * load.acceleration) for i, tube in enumerate(robot.tubes)]
-                spans += [(0.0, np.nan, i, 0.0, *weight, 0.0, 0.0, 0.0) for i, weight in weights if weight.any()]
-            elif isinstance(load, DistributedLoad) and all(
-                isinstance(f, np.ndarray) for f in (load.force, load.moment)
-            ):
-                spans.append(_row(load.start, load.end, load, load.force, load.moment))
-            else:
+        if not all(isinstance(load, Load) for load in loads):
+            return None
+        for k, push in lowered(robot, loads):
+            row = _row(loads[k], push)
+            if row is None:
                 return None
+            table = points if len(push.places) == 1 else spans
+            rows.setdefault(k, len(table))
+            table.append(row)
         return cls(points, spans, rows)
 
 
-def _row(s: float | None, end: float | None, load: Any, force: Any, moment: Any = (0.0, 0.0, 0.0)) -> tuple[float, ...]:
-    """A point load or, with an end, a distributed one; what rides on the tube's end is not a number."""
-    body = getattr(load, "frame", "world") == "body"
-    places = (s,) if isinstance(load, (PointWrench, PointMass)) else (s, end)
-    return (*(np.nan if x is None else x for x in places), load.tube, body, *_floats(force), *_floats(moment))
-
-
-def _floats(vector: Any) -> Any:
-    return vector.tolist() if isinstance(vector, np.ndarray) else vector
+def _row(load: Load, push: Push) -> tuple[float, ...] | None:
+    """What acts, with places that ride on the tube's end not numbers; None if it is not constant."""
+    if not push.constant:
+        return None
+    places = (np.nan if s is None else s for s in map(load.where, push.places))
+    return (*places, push.tube, push.body, *push.force.tolist(), *push.moment.tolist())
 
 
 class Questions:

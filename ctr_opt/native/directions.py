@@ -9,8 +9,7 @@ import numpy as np
 
 from ..checks import Array
 from ..errors import DefinitionError
-from ..loads.gravity import Gravity, PointMass
-from ..loads.wrenches import DistributedLoad, Load, PointWrench
+from ..loads.kind import Load, lowered
 from ..robot.names import parsed
 from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature
 from ..robot.robot import Robot
@@ -130,7 +129,7 @@ def _of(name: str, robot: Robot, loads: Sequence[Load]) -> _Added | None:
             kind = By.POSITION if field == "translation" else By.TURN
             return lambda made, _: made.plain(kind, [(0, r) for r in axes])
         case ("loads", int(j), str(field)) if j < len(loads):
-            return _of_load(j, field, loads[j])
+            return _of_load(j, field, robot, loads)
         case ("tubes", int(i), "precurvature", int(k), str(field)) if i < len(robot.tubes):
             return _of_piece(robot, i, k, field)
         case ("tubes", int(i), str(field)) if i < len(robot.tubes):
@@ -146,14 +145,16 @@ def _of_piece(robot: Robot, i: int, k: int, field: str) -> _Added | None:
     return lambda made, _: made.curvature(i, k)
 
 
-def _of_load(j: int, field: str, load: Load) -> _Added | None:
-    if isinstance(load, DistributedLoad) and field in ("force", "moment"):
-        if not isinstance(load.force, np.ndarray) or not isinstance(load.moment, np.ndarray):
-            return None
-        return lambda made, rows: made.plain(By[f"SPAN_{field.upper()}"], [(rows[j], r) for r in range(3)])
-    if isinstance(load, PointWrench) and field in ("force", "moment"):
-        return lambda made, rows: made.plain(By[field.upper()], [(rows[j], r) for r in range(3)])
-    if isinstance(load, (PointWrench, PointMass)) and field == "arc_length" and load.arc_length is not None:
+def _of_load(j: int, field: str, robot: Robot, loads: Sequence[Load]) -> _Added | None:
+    """Of a load that comes to one row, those of its numbers that stand there as they are."""
+    load, pushes = loads[j], [push for k, push in lowered(robot, loads) if k == j]
+    if len(pushes) != 1 or not pushes[0].constant or field not in load.fields:
+        return None
+    (push,), given = pushes, getattr(load, field)
+    spans = "SPAN_" if len(push.places) > 1 else ""
+    if field in ("force", "moment") and getattr(push, field) is given:
+        return lambda made, rows: made.plain(By[spans + field.upper()], [(rows[j], r) for r in range(3)])
+    if field in push.places and not spans and given is not None:
         return lambda made, rows: made.plain(By.PLACE, [(rows[j], 0)])
     return None
 
@@ -161,7 +162,7 @@ def _of_load(j: int, field: str, load: Load) -> _Added | None:
 def _of_tube(tube: Tube, i: int, field: str, loads: Sequence[Load]) -> _Added | None:
     if field in _STIFFNESSES:
         return lambda made, _: made.plain(By[field.removesuffix("_stiffness").upper()], [(i, 0)])
-    heavy = tube.density > 0.0 and any(isinstance(load, Gravity) for load in loads)
+    heavy = tube.density > 0.0 and any(load.pulls for load in loads)
     if field not in _SOURCES or (heavy and field.endswith("diameter")) or getattr(tube, field) is None:
         return None
     return lambda made, _: made.stiffness(i, *_stiffness_rates(tube, field))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..checks import Array, array, index, number
 from ..errors import DefinitionError
 from ..layout.ends import Ends
-from ..loads.wrenches import Load
+from ..loads.kind import Load
 from ..mechanics.kind import constant_kind
 from ..robot.actuation import Actuation
 from ..robot.names import chosen, parameters, parsed
@@ -184,7 +184,8 @@ class Predictions:
         found = []
         for (_, loads), rows in zip(experiments, self._rows, strict=True):
             key = tuple(
-                (type(load), getattr(load, "arc_length", None) is None, rows.rows[k]) for k, load in enumerate(loads)
+                (type(load), getattr(load, "arc_length", None) is None, rows.rows.get(k))
+                for k, load in enumerate(loads)
             )
             if key not in made:
                 made[key] = Directions.of(self.robot, loads, rows.rows, names, probes)

@@ -153,8 +153,8 @@ class Numbered(Protocol):
     """A load, as far as names are concerned."""
 
     @property
-    def pulls(self) -> bool:
-        """Whether it acts on masses."""
+    def pulls(self) -> str:
+        """The argument by which it accelerates masses, if it does."""
 
     def numbers(self, prefix: str, pulled: bool) -> Iterable[Parameter]:
         """Its numbers, their names behind a prefix; ``pulled``: whether there is a load that pulls at masses."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks import Array, number
 from ..errors import DefinitionError
-from ..loads.wrenches import PointWrench
+from ..loads.point import PointWrench
 from .noise import covariances_of, points_of, symmetric
 
 _STEPS = 50

@@ -17,7 +17,7 @@ from ..layout.configuration import Configuration
 from ..layout.ordering import ENTRY, Key, Order, given_order, sorted_order
 from ..layout.parametric import Parametric
 from ..layout.parametric_columns import ParametricColumns, fractions_of
-from ..layout.resolution import called
+from ..loads.resolution import called
 from ..robot.names import Parameter
 from .shooting import ShootingFunctions, shooting_functions
 

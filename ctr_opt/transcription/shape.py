@@ -13,7 +13,7 @@ from ..checks import Array
 from ..errors import DefinitionError
 from ..layout.columns import StepColumns
 from ..layout.configuration import Configuration
-from ..mechanics.fields import Field
+from ..loads.field import Field
 from ..mechanics.state import State, state_scales
 from .shooting import Nodes, ShootingFunctions, shooting_functions
 from .stability import SecondVariation, second_variation, smallest_eigenvalue
@@ -131,7 +131,7 @@ class Shape:
     def load_work(self) -> float:
         """``sum F . p + integral of f . p`` of the dead forces, less the ``V(p)`` of loads by potential, J."""
         configuration = self.configuration
-        points = np.array([s for s, *_ in (*configuration.point_loads, *configuration.point_fields)])
+        points = np.array([placed.start for placed in configuration.points])
         if not len(points):
             return self._integrals[1]
         points, fields = np.unique(points), configuration.kind.fields

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import ctr_opt as ctr
-from ctr_opt.loads.wrenches import LoadTable
+from ctr_opt.loads.density import LoadTable
 from tests.support.physics import mapped, random_pose, random_problem, random_robot, robot, tube_ends, turned
 
 # Each side is solved to 1e-10 of its length, so they may differ by twice that, and by what rounding leaves of the

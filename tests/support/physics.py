@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import ctr_opt as ctr
-from ctr_opt.loads.wrenches import LoadTable
+from ctr_opt.loads.density import LoadTable
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...checks import Array, array
 from ...errors import DefinitionError
-from ...loads.wrenches import LOADS, Load
+from ...loads.kind import Load
 from ...robot.actuation import Actuation
 
 
@@ -38,7 +38,7 @@ def rows_of_actuations(actuations: Any, tubes: int) -> tuple[Array, list[Actuati
 def rows_of_loads(loads: Any, count: int) -> list[tuple[Load, ...]]:
     """The loads of every row: the same for all, or a list for each."""
     given = list(loads)
-    if all(isinstance(load, LOADS) for load in given):
+    if all(isinstance(load, Load) for load in given):
         return [tuple(given)] * count
     if len(given) != count:
         raise DefinitionError(
@@ -46,6 +46,6 @@ def rows_of_loads(loads: Any, count: int) -> list[tuple[Load, ...]]:
             "or one for each"
         )
     for k, each in enumerate(given):
-        if isinstance(each, LOADS):
+        if isinstance(each, Load):
             raise DefinitionError(f"loads[{k}] must be a list of loads, as others are")
     return [tuple(each) for each in given]

@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...loads.wrenches import Load
+from ...loads.kind import Load
 from ...robot.actuation import Actuation
 from ...solvers.homotopy import Homotopy, family_of, regular_between
 from ...solvers.ipopt import Ipopt

@@ -1,0 +1,49 @@
+"""A wrench at a point of a tube."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import attrs
+
+from ..checks import ARRAY_EQ, Array, array
+from . import place
+from .wrench import Wrench, frame
+
+
+def _force(value: Any) -> Array:
+    return array(value, "force", (3,), unit="N")
+
+
+def _moment(value: Any) -> Array:
+    return array(value, "moment", (3,), unit="N m")
+
+
+@attrs.frozen
+class PointWrench(Wrench):
+    """A force and a moment at a point of a named tube.
+
+    Parameters
+    ----------
+    force, moment
+        ``(3,)``, N and N m. An axial moment twists the named tube alone.
+    arc_length
+        ``s`` from the entry point, m; ``None``: the named tube's distal end, wherever it is.
+    tube
+        Index of the tube that carries it, 0 the innermost.
+    frame
+        ``"world"``: force and moment keep their direction ("dead"); ``"body"``: they are given in the named tube's
+        material frame and turn with it ("follower"). A body load has no potential.
+
+    Examples
+    --------
+    >>> PointWrench(force=[0.0, 0.5, 0.0]).tube
+    0
+    """
+
+    units: ClassVar[dict[str, str]] = {"force": "N", "moment": "N m", "arc_length": "m"}
+    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_force, eq=ARRAY_EQ, hash=False)
+    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_moment, eq=ARRAY_EQ, hash=False)
+    arc_length: float | None = attrs.field(default=None, converter=place.arc_length)
+    tube: int = attrs.field(default=0, converter=place.tube)
+    frame: str = attrs.field(default="world", converter=frame)

@@ -1,0 +1,45 @@
+"""What wrenches at a point and along an interval have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from ..checks import choice
+from .density import acts
+from .kind import Load, Number, Push
+
+_FRAMES = ("world", "body")
+
+
+def frame(value: Any) -> str:
+    """In which frame force and moment are given."""
+    return choice(value, "frame", _FRAMES)
+
+
+class Wrench(Load):
+    """A force and a moment on a tube, fixed in the world or to the tube."""
+
+    __slots__ = ()
+
+    force: Any
+    moment: Any
+    tube: int
+    frame: str
+
+    def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
+        """Itself."""
+        yield Push(self.tube, self.places, number("force"), number("moment"), self.frame == "body")
+
+    @property
+    def nonconservative(self) -> str:
+        """Why it has no potential; empty if it has one."""
+        if self.frame == "body" and (acts(self.moment) or acts(self.force)):
+            return "acts in a tube's frame (frame = 'body')"
+        return "applies a moment" if acts(self.moment) else ""
+
+    def conservative_part(self) -> Self | None:
+        """What of the load has a potential: the force, where it is world-fixed."""
+        return None if self.frame == "body" else self._with({"moment": np.zeros(3)})
