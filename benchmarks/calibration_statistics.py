@@ -16,6 +16,7 @@ from ctr_opt.calibration.fit import REJECTED
 from ctr_opt.estimation.losses import LOSSES
 from ctr_opt.estimation.measurements.kind import arc_length_of
 from ctr_opt.files.calibration import load_calibration
+from ctr_opt.layout.ends import Ends
 from ctr_opt.robot.names import unit_of
 
 from .calibration_data import FILE, PLACES
@@ -66,7 +67,7 @@ def at_truth(given):
 
 def seen(experiment, shape):
     """Where the measured points truly are, ``(places, 3)``, m."""
-    ends = np.array([tube.length for tube in shape.robot.tubes]) + experiment.actuation.translations
+    ends = Ends.of_robot(shape.robot, experiment.actuation.translations)
     return shape.position([arc_length_of(place, ends) for place in PLACES])
 
 

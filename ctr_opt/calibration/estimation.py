@@ -23,13 +23,14 @@ from ..estimation.compiled_model import CompiledModel, compilable
 from ..estimation.experiment import Experiment
 from ..estimation.losses import LOSSES, Loss
 from ..estimation.measurements import Measurement
-from ..estimation.measurements.kind import Prediction, Somewhere, arc_length_of
+from ..estimation.measurements.kind import Prediction, Request
 from ..estimation.places import Orders, free, moved, nearest, orders
 from ..estimation.sensors import names_of, sensed
 from ..estimation.symbolic_model import GroupModel, structure
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..layout.configuration import Configuration
+from ..layout.ends import Ends
 from ..robot.names import parsed
 from ..robot.robot import Robot
 from .unknowns import Parameter, Unknowns
@@ -82,6 +83,7 @@ class Layout:
 
     group: int
     names: tuple[str, ...]
+    requests: tuple[Request, ...]
     blocks: tuple[tuple[int, int, int], ...]
     """Where each block starts in the misfit, its size, and the measurement it belongs to."""
     orders: Orders
@@ -147,7 +149,8 @@ class Estimation:
         self.tolerance = tolerance
         self.compiled = compiled
         self.unknowns = Unknowns(robot, [(each.actuation, each.loads) for each in self.experiments], wanted)
-        self._check_places()
+        for k, each in enumerate(self.experiments):
+            each.check_places(self._ends[k], f"experiment {each.name or k}: ")
         scaled = {measurement.scaled for each in self.experiments for measurement in each.measurements}
         if scaled == {True, False}:
             raise DefinitionError("sigma: give it for all measurements, or for none")
@@ -161,25 +164,12 @@ class Estimation:
         self.losses = {size: Loss(self.loss, size) for size in {b[1] for each in self.layouts for b in each.blocks}}
         self.models: list[Group] = []
 
-    def _check_places(self) -> None:
-        """Refuse measurements where, with the initial values, no robot is, or not the tube that is meant."""
+    @cached_property
+    def _ends(self) -> list[Ends]:
+        """Where the tubes end in each experiment, with the initial values."""
         initial = self.unknowns.initial
-        lengths = np.array([tube.length for tube in self.unknowns.robot_at(initial).tubes])
-        for k, each in enumerate(self.experiments):
-            ends = lengths + self.unknowns.experiment_at(initial, k)[0].translations
-            for j, measurement in enumerate(each.measurements):
-                for request in measurement.requests:
-                    if isinstance(request.place, Somewhere):
-                        continue
-                    place, tube = request.place, request.tube if request.kind not in ("torque", "force") else None
-                    s = arc_length_of(place, ends)
-                    end = ends.max() if tube is None else ends[tube]
-                    if s < 0.0 or s > end + 1e-9 * ends.max():
-                        whose = "the robot" if tube is None else f"tube {tube}"
-                        raise DefinitionError(
-                            f"experiment {each.name or k}: measurements[{j}] is at s = {s:g} m, but {whose} "
-                            f"reaches from 0 to {end:g} m there"
-                        )
+        robot, count = self.unknowns.robot_at(initial), len(self.experiments)
+        return [Ends.of_robot(robot, self.unknowns.experiment_at(initial, k)[0].translations) for k in range(count)]
 
     def of(self, experiments: Sequence[Experiment]) -> Estimation:
         """The same parameters from other experiments."""
@@ -208,9 +198,10 @@ class Estimation:
         for k, each in enumerate(self.experiments):
             names = tuple(dict.fromkeys(name for name, _, _ in self.unknowns.acting(k)))
             measured = tuple((type(m), m.shape) for m in each.measurements)
-            key = (structure(self.robot, each.actuation, each.loads, each.requests), names, measured, orders(each))
+            requests = each.framed(self._ends[k])
+            key = (structure(self.robot, each.actuation, each.loads, requests), names, measured, orders(each))
             group = groups.setdefault(key, len(groups))
-            layouts.append(Layout(group, names, _blocks(each), orders(each)))
+            layouts.append(Layout(group, names, requests, _blocks(each), orders(each)))
         return layouts
 
     def members(self, group: int) -> list[int]:
@@ -311,11 +302,11 @@ class Estimation:
         for group in range(self.groups):
             members = self.members(group)
             first, names = members[0], self.layouts[members[0]].names
-            each = self.experiments[first]
+            each, requests = self.experiments[first], self.layouts[first].requests
             configuration = Configuration(self.robot, equilibria[first].actuation, each.loads)
             sizes = self.unknowns.sizes(names, first)
             rows = [_rows(self.unknowns.acting(k), sizes, self.unknowns.size) for k in members]
-            sensors = names_of(each.requests)
+            sensors = names_of(requests)
             mounted = self.unknowns.of_sensors(sensors)
             own = np.array([np.flatnonzero(row.any(axis=0) | mounted.any(axis=0)) for row in rows])
             mixing = np.array([row[:, those] for row, those in zip(rows, own, strict=True)])
@@ -323,26 +314,21 @@ class Estimation:
             unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
             parts: dict[str, Any] = {"members": members, "own": own, "mixing": mixing, "unit": unit}
             parts |= {"mounting": mounting, "sensors": sensors}
-            parts |= {"ends": self._ends(members), "ends_x": _ends_x(mixing, sizes, len(self.robot.tubes))}
+            parts["ends"] = np.array([self._ends[k].points for k in members])
+            parts["ends_x"] = _ends_x(mixing, sizes, len(self.robot.tubes))
             parts["comparison"] = Comparison([self.experiments[k].measurements for k in members], self.whitener)
-            if compilable(self.robot, each.loads, each.requests, names, self.compiled):
-                self.models.append(
-                    Group(**parts, compiled=CompiledModel([self.experiments[k].requests for k in members], sizes))
-                )
+            if compilable(self.robot, each.loads, requests, names, self.compiled):
+                every = [self.layouts[k].requests for k in members]
+                self.models.append(Group(**parts, compiled=CompiledModel(every, sizes)))
             else:
                 steps = max(equilibria[k].solved().steps for k in members[:: max(1, len(members) // 100)])
-                model = GroupModel(configuration, each.requests, names, steps)
+                model = GroupModel(configuration, requests, names, steps)
                 self.models.append(Group(**parts, symbolic=model, start=self._numbers(model, members)))
-
-    def _ends(self, members: list[int]) -> Array:
-        initial = self.unknowns.initial
-        lengths = np.array([tube.length for tube in self.unknowns.robot_at(initial).tubes])
-        return np.array([lengths + self.unknowns.experiment_at(initial, k)[0].translations for k in members])
 
     def _numbers(self, model: GroupModel, members: list[int]) -> Array:
         initial = self.unknowns.initial
         values = {name: np.asarray(value) for name, value in self.unknowns.robot_numbers(initial).items()}
-        at = [(self.unknowns.experiment_at(initial, k), self.experiments[k].requests) for k in members]
+        at = [(self.unknowns.experiment_at(initial, k), self.layouts[k].requests) for k in members]
         return np.array([model.numbers(values, *experiment, requests) for experiment, requests in at])
 
     @property
@@ -378,7 +364,7 @@ class Estimation:
             numbers = slopes.shape[-1]
             if group.sensors:
                 mountings = {name: self.unknowns.mounting(name, x) for name in group.sensors}
-                requests = self.experiments[group.members[0]].requests
+                requests = self.layouts[group.members[0]].requests
                 predictions = sensed(requests, predictions, mountings)
             misfit, rates = group.comparison.compare(predictions)
             along = group.comparison.along(predictions)

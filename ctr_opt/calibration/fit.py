@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..checks import Array
 from ..errors import EstimationError
 from ..estimation.measurements.kind import Somewhere, arc_length_of
+from ..layout.ends import Ends
 from ..robot.actuation import Actuation
 from ..robot.names import symbol
 from ..robot.robot import Robot
@@ -261,11 +262,11 @@ class Fit:
     def residuals(self) -> list[Residual]:
         """Every block's misfit, predicted minus measured, by experiment."""
         unknowns, x = self._estimation.unknowns, self.found.x
-        lengths = np.array([tube.length for tube in unknowns.robot_at(x).tubes])
+        robot = unknowns.robot_at(x)
         found = []
         for k, (experiment, each) in enumerate(zip(self._estimation.experiments, self._linearized, strict=True)):
-            ends = lengths + unknowns.experiment_at(x, k)[0].translations
-            start, places = 0, iter(each.places * ends.max())
+            ends = Ends.of_robot(robot, unknowns.experiment_at(x, k)[0].translations)
+            start, places = 0, iter(each.places * ends.length)
             for j, measured in enumerate(experiment.measurements):
                 count, size = measured.shape
                 for i, request in enumerate(measured.requests[:count]):

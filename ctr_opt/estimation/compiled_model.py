@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..checks import Array
 from ..errors import EstimationError
-from ..layout.ends import SAME_POINT
+from ..layout.ends import SAME_POINT, innermost
 from ..loads.kind import Load
 from ..native import compile as compilation
 from ..native.calls import LoadRows
@@ -36,36 +36,28 @@ def compilable(
     if wanted is False or (wanted is None and (compilation.on_request_only() or compilation.compiler() is None)):
         return False
     return (
-        all(_known(request, robot) for request in requests)
+        (piecewise_constant(robot) or all(request.kind != "force" for request in requests))
         and all(supported(name, robot, loads) for name in acting)
         and LoadRows.of(robot, loads) is not None
     )
 
 
-def _known(request: Request, robot: Robot) -> bool:
-    """Whether a force is of tubes whose precurvatures are constant, and an end that of the tube that ends there."""
-    if request.kind == "force":
-        return piecewise_constant(robot)
-    return not isinstance(request.place, Distal) or request.tube in (None, request.place.tube)
-
-
 class CompiledModel:
     """Residuals and predictions of experiments, and derivatives by the ``acting`` parameters, in one call.
 
-    ``requests``: those of each experiment, alike but for arc lengths; ``sizes``: of the parameters by their names.
+    ``requests``: those of each experiment, framed, alike except for arc lengths; ``sizes``: of the parameters by name.
     """
 
     def __init__(self, requests: Sequence[Sequence[Request]], sizes: Mapping[str, int]) -> None:
         self.requests = requests[0]
         self._requests = [probed(own) for own in requests]
         self._asked = asked(requests[0])
-        self._numbers = np.array(
-            [[each.place if isinstance(each.place, float) else np.nan for each in own] for own in self._requests]
-        )
+        self._numbers = np.array([[arc_length(each) for each in own] for own in self._requests])
         self.acting = list(sizes)
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
-        self._kept: tuple[list[int], Predictions] | None = None
+        self._somewhere = [k for k, each in enumerate(self._requests[0]) if isinstance(each.place, Somewhere)]
+        self._kept: tuple[list[int], Array, Predictions] | None = None
         self._fixed = not any(parsed(name)[0] == "loads" or name.endswith(_SOURCES) for name in sizes)
 
     def evaluate(
@@ -81,64 +73,53 @@ class CompiledModel:
         ``angles`` are those of the base, by which the robot is turned already; ``s (E, k)``: arc lengths of the points
         that are somewhere.
         """
-        model = self._model(robot, experiments, s)
-        told = model.at(z, **self._asked)
+        joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
+        told = self._model(robot, experiments, joints, s).at(z, **self._asked)
         if told.failed.any():
-            joints = _parted(robot, experiments, np.flatnonzero(told.failed))
-            ends = joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes]
-            places = self._places(np.minimum(s, ends.max(axis=1)[:, None])) | self._beyond(ends)
-            told = model.moved(robot, joints, places).at(z, **self._asked)
+            joints = _parted(robot, joints, np.flatnonzero(told.failed))
+            told = self._model(robot, experiments, joints, s).at(z, **self._asked)
         if told.failed.any():
             k = int(np.flatnonzero(told.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
         if self._turned is not None:
-            first = model.unknowns + int(self._turned)
+            first = z.shape[1] + int(self._turned)
             part, turn = slice(first, first + 3), euler_rates(angles)
             for rates in (told.slopes, told.rates, told.curvature_rates, told.force_rates):
                 if rates is not None:
                     rates[..., part] = rates[..., part] @ turn
         return told.residual, predicted(self.requests, told, z), told.slopes
 
-    def _model(self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], s: Array) -> Predictions:
-        """The predictions, made anew only where loads, or what follows from the robot's numbers, are others."""
-        ends = np.array([actuation.translations for actuation, _ in experiments])
-        ends += [tube.length for tube in robot.tubes]
-        longest, beyond = ends.argmax(axis=1).tolist(), self._beyond(ends)
-        if self._kept is not None and self._fixed and self._kept[0] == longest:
-            return self._kept[1].moved(robot, _joints(experiments), self._places(s) | beyond)
-        probes = [
-            _probes(own, tube, places) for own, tube, places in zip(self._requests, longest, s.tolist(), strict=True)
-        ]
-        for k, where in beyond.items():
-            for e in np.flatnonzero(np.isnan(where)):
-                probes[e][k] = Probe(None, probes[e][k].tube)
-        model = Predictions(robot, self.acting, experiments, probes)
-        self._kept = None if beyond else (longest, model)
-        return model
+    def _model(
+        self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], joints: Array, s: Array
+    ) -> Predictions:
+        """The predictions, built again only where loads, or what follows from the robot's numbers, have changed."""
+        ends = joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes]
+        longest, places = innermost(ends).tolist(), self._places(ends, s)
+        if self._kept is None or not self._fixed or self._kept[0] != longest:
+            both = zip(self._requests, places.tolist(), strict=True)
+            probes = [[probe_of(*each) for each in zip(*one, strict=True)] for one in both]
+            self._kept = longest, places, Predictions(robot, self.acting, experiments, probes)
+        _, before, model = self._kept
+        same = (places == before) | (np.isnan(places) & np.isnan(before))
+        return model.moved(robot, joints, {int(k): places[:, k] for k in np.flatnonzero(~same.all(axis=0))})
 
-    def _places(self, s: Array) -> dict[int, Array]:
-        """Arc lengths of the probes that are somewhere, by their numbers."""
-        somewhere = [k for k, request in enumerate(self._requests[0]) if isinstance(request.place, Somewhere)]
-        return dict(zip(somewhere, s.T, strict=True))
-
-    def _beyond(self, ends: Array) -> dict[int, Array]:
-        """The arc lengths of probes that lie beyond their tubes' ends in some experiments; NaN there: at the end."""
+    def _places(self, ends: Array, s: Array) -> Array:
+        """Arc lengths of the probes ``(E, probes)``; not numbers where they are at the end of what they are on."""
         length = ends.max(axis=1)
-        own = np.array([length if request.tube is None else ends[:, request.tube] for request in self._requests[0]])
-        beyond = self._numbers > own.T.reshape(self._numbers.shape) + SAME_POINT * length[:, None]
-        return {int(k): np.where(beyond[:, k], np.nan, self._numbers[:, k]) for k in np.flatnonzero(beyond.any(axis=0))}
+        places = self._numbers.copy()
+        places[:, self._somewhere] = np.minimum(s, length[:, None])
+        for k, request in enumerate(self._requests[0]):
+            most = length if request.on is None else ends[:, request.on]
+            places[places[:, k] > most + SAME_POINT * length, k] = np.nan
+        return places
 
 
-def _joints(experiments: Sequence[tuple[Actuation, Sequence[Load]]]) -> Array:
-    return np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
-
-
-def _parted(robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], those: NDArray[np.intp]) -> Array:
-    """Joints with the tubes of ``those`` experiments drawn back a little, each by more than the one inside it.
+def _parted(robot: Robot, joints: Array, those: NDArray[np.intp]) -> Array:
+    """Joints ``(E, 2 tubes)`` with the tubes of ``those`` experiments drawn back a little, outer ones by more.
 
     Where break points coincide, derivatives by translations have two sides: this chooses one.
     """
-    joints, tubes = _joints(experiments), len(robot.tubes)
+    joints, tubes = joints.copy(), len(robot.tubes)
     joints[those, tubes:] -= _APART * max(tube.length for tube in robot.tubes) * np.arange(1, tubes + 1)
     return joints
 
@@ -189,19 +170,17 @@ def _torque(z: Array, tube: int, columns: int) -> Prediction:
     return Prediction(-z[:, 2 + tube, None], slopes)
 
 
-def probe_of(request: Request, longest: int, s: float = 0.0) -> Probe:
-    """Where a pose or a curvature is asked for; that of a point somewhere on the ``longest`` tube at ``s``."""
-    if isinstance(request.place, Somewhere):
-        return Probe(s, longest)
-    if isinstance(request.place, Distal):
-        return Probe(None, request.place.tube)
-    return Probe(request.place, request.tube)
+def arc_length(request: Request) -> float:
+    """Where it is asked for; zero where that is estimated, not a number at an end."""
+    return (
+        request.place if isinstance(request.place, float) else 0.0 if isinstance(request.place, Somewhere) else np.nan
+    )
 
 
-def _probes(requests: Sequence[Request], longest: int, s: list[float]) -> list[Probe]:
-    """The probes of an experiment, those of points somewhere on its longest tube."""
-    somewhere = iter(s)
-    return [probe_of(each, longest, next(somewhere) if isinstance(each.place, Somewhere) else 0.0) for each in requests]
+def probe_of(request: Request, s: float) -> Probe:
+    """A pose or a curvature that is asked for: at ``s`` or, if not a number, at the end of what the place is on."""
+    on = request.place.tube if isinstance(request.place, Distal) else request.tube
+    return Probe(None if np.isnan(s) else s, on, request.tube if request.frame is None else request.frame)
 
 
 def euler_rates(angles: Array) -> Array:

@@ -16,7 +16,6 @@ import numpy as np
 
 from ..checks import Array
 from ..layout.configuration import Configuration
-from ..layout.ends import Ends
 from ..loads.density import LoadTable
 from ..loads.kind import Load
 from ..mechanics.fields import material_frame
@@ -34,12 +33,10 @@ _INTEGRATOR = "RK8"
 
 
 def structure(robot: Robot, actuation: Actuation, loads: Sequence[Load], requests: Sequence[Request]) -> Hashable:
-    """Equal for experiments that one function serves."""
+    """Equal for experiments that one function serves; ``requests`` are framed."""
     known = parameters(robot, actuation, loads)
     own = tuple(_structure(load, f"loads[{k}].", known) for k, load in enumerate(loads))
-    asked = tuple((r.kind, "s" if isinstance(r.place, float) else r.place, r.tube, r.sensor) for r in requests)
-    ends = Ends.of_robot(robot, actuation.translations)
-    return own, asked, tuple(carrier(request, ends) for request in requests if request.kind == "pose")
+    return own, tuple(attrs.evolve(r, place=0.0) if isinstance(r.place, float) else r for r in requests)
 
 
 def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable:
@@ -55,15 +52,6 @@ def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable
         else:
             parts.append((field.name, value if isinstance(value, (str, int, float, bool, type(None))) else id(value)))
     return tuple(parts)
-
-
-def carrier(request: Request, ends: Ends) -> int:
-    """The tube whose frame a pose is: the one that ends there, or the innermost that is there; or the longest."""
-    if request.tube is not None:
-        return request.tube
-    if isinstance(request.place, Distal):
-        return request.place.tube
-    return ends.innermost(request.place if isinstance(request.place, float) else None)
 
 
 def _numbers(requests: Sequence[Request]) -> Array:
@@ -83,8 +71,8 @@ def _jumps(request: Request) -> bool:
 class GroupModel:
     """Residual and predictions of experiments with the structure of a configuration.
 
-    ``acting`` are the names of the robot's and loads' parameters, ``"rotations"`` and ``"translations"``, by which
-    derivatives are wanted.
+    ``requests`` are framed; ``acting`` are the names of the robot's and loads' parameters, ``"rotations"`` and
+    ``"translations"``, by which derivatives are wanted.
     """
 
     def __init__(
@@ -99,8 +87,9 @@ class GroupModel:
         places = _numbers(self.requests)
         probes = [Parameter(_PROBES, places)] if len(places) else []
         own = [known[name] for name in self.acting if name not in data]
+        at = list(zip(places.tolist(), [r.on for r in self.requests if _numbered(r)], strict=True))
         self.problem = ParametricProblem(
-            configuration, [*own, *(known[name] for name in data), *probes], _INTEGRATOR, places.tolist(), clip=True
+            configuration, [*own, *(known[name] for name in data), *probes], _INTEGRATOR, at, clip=True
         )
         order = self.problem.sorted()
         cuts = [np.linspace(0.0, 1.0, steps + 1)] * order.sections
@@ -189,7 +178,7 @@ class GroupModel:
             else:
                 vector, mark = swept.right @ swept.weights[:, mark], mark + 1
             state = State.split(vector, tubes)
-            angle = state.angles[carrier(request, configuration.ends)]
+            angle = state.angles[request.frame or 0]
             found += [state.position * length, ca.vec(material_frame(state.orientation, angle))]
         return found
 

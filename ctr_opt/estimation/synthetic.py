@@ -57,7 +57,7 @@ def synthetic_experiments(
     rng = np.random.default_rng(seed)
 
     def measured(shape: Equilibrium) -> list[Measurement]:
-        ends = np.array([tube.length for tube in robot.tubes]) + shape.actuation.translations
+        ends = shape.configuration.ends
         points = np.array([shape.position(arc_length_of(place, ends)) for place in places])
         points = points + noise * rng.normal(size=points.shape)
         return [PositionMeasurement(list(places), points, sigma=noise)]

@@ -18,10 +18,11 @@ from ..estimation.compiled_model import euler_rates
 from ..estimation.experiment import Experiment
 from ..estimation.losses import Loss
 from ..estimation.measurements import Measurement
-from ..estimation.measurements.kind import Somewhere, arc_length_of
+from ..estimation.measurements.kind import Request
 from ..estimation.places import nearest, orders
 from ..forward.equilibrium import Equilibrium
 from ..layout.configuration import Configuration
+from ..layout.ends import Ends
 from ..loads.gravity import Gravity
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
@@ -198,11 +199,12 @@ class Case:
 
     robot: Robot
     experiment: Experiment
+    requests: tuple[Request, ...]
     numbered: Numbered
     errors: Errors
     loss: str
     compiled: bool | None
-    ends: Array
+    ends: Ends
     search: Search
     forces: Array
     roughness: Array | None
@@ -221,10 +223,10 @@ class Case:
         kept: Sequence[Case],
     ) -> Case:
         """A case; one of those ``kept`` that serves lends its model. ``steps``: as for ``loaded_model``."""
-        ends = tube_ends(robot, experiment.actuation)
-        check_places(experiment, ends)
-        unknown = tuple(each.placed(ends) for each in unknown)
-        before = next((each for each in kept if each.serves(experiment, errors, unknown)), None)
+        ends = Ends.of_robot(robot, experiment.actuation.translations)
+        experiment.check_places(ends)
+        unknown, requests = tuple(each.placed(ends) for each in unknown), experiment.framed(ends)
+        before = next((each for each in kept if each.serves(experiment, requests, ends, errors, unknown)), None)
         if before is not None:
             return before.again(experiment, ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
@@ -236,7 +238,7 @@ class Case:
             every,
             numbered.names,
             errors.names,
-            experiment.requests,
+            requests,
             compiled,
             steps,
         )
@@ -246,32 +248,40 @@ class Case:
         losses = {size: Loss(loss, size) for size in set(sizes.tolist())}
         comparison = Comparison([experiment.measurements], _whitener(loss))
         seen = Seen(comparison, starts, sizes, losses, orders(experiment))
-        search = Search(model, experiment.actuation, unit, float(ends.max()), sought, seen)
-        return cls(robot, experiment, numbered, errors, loss, compiled, ends, search, forces, numbered.roughness())
+        search = Search(model, experiment.actuation, unit, ends.length, sought, seen)
+        rough = numbered.roughness()
+        return cls(robot, experiment, requests, numbered, errors, loss, compiled, ends, search, forces, rough)
 
-    def serves(self, experiment: Experiment, errors: Errors, unknown: tuple[UnknownLoad, ...]) -> bool:
+    def serves(
+        self,
+        experiment: Experiment,
+        requests: tuple[Request, ...],
+        ends: Ends,
+        errors: Errors,
+        unknown: tuple[UnknownLoad, ...],
+    ) -> bool:
         """Whether its model serves another experiment, too, with the same unknown loads, as they are placed there."""
         own = self.experiment
         return (
-            own.requests == experiment.requests
+            self.requests == requests
             and [type(each) for each in own.measurements] == [type(each) for each in experiment.measurements]
             and own.loads == experiment.loads
-            and np.argmax(self.ends) == np.argmax(tube_ends(self.robot, experiment.actuation))
+            and self.ends.innermost() == ends.innermost()
             and len(self.numbered.unknown) == len(unknown)
             and extents(self.numbered.unknown) == extents(unknown)
             and self.errors.names == errors.names
             and np.array_equal(self.errors.spread, errors.spread)
         )
 
-    def again(self, experiment: Experiment, ends: Array) -> Case:
+    def again(self, experiment: Experiment, ends: Ends) -> Case:
         """The same for an experiment that it serves."""
         search = self.search
         sought = search.sought
-        if not np.array_equal(ends, self.ends):
+        if ends.points != self.ends.points:
             scale, lower, upper = extent(self.robot, self.numbered, ends)
             sought = attrs.evolve(sought, scale=scale, lower=lower, upper=upper)
         seen = attrs.evolve(search.seen, comparison=Comparison([experiment.measurements], _whitener(self.loss)))
-        search = Search(search.model, experiment.actuation, search.unit, float(ends.max()), sought, seen)
+        search = Search(search.model, experiment.actuation, search.unit, ends.length, sought, seen)
         return attrs.evolve(self, experiment=experiment, ends=ends, search=search)
 
     @property
@@ -369,7 +379,7 @@ def _whitener(loss: str) -> Any:
     return lambda measurement: measurement.isotropic if loss == "distance" else measurement.whitener
 
 
-def _sought(robot: Robot, numbered: Numbered, ends: Array, errors: Errors) -> tuple[Sought, Array]:
+def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tuple[Sought, Array]:
     from scipy.linalg import block_diag
 
     size = len(numbered.labels)
@@ -401,9 +411,9 @@ def _check_smoothness(force: DistributedForce, weight: float, scale: Array, fiel
         )
 
 
-def extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array, Array]:
+def extent(robot: Robot, numbered: Numbered, ends: Ends) -> tuple[Array, Array, Array]:
     """Scales and bounds of the numbers: the former follow from the robot's length, as do those of places."""
-    length, stiffness = float(ends.max()), robot.tubes[0].bending_stiffness
+    length, stiffness = ends.length, robot.tubes[0].bending_stiffness
     size = len(numbered.labels)
     scale, lower, upper = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
     scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
@@ -414,30 +424,10 @@ def extent(robot: Robot, numbered: Numbered, ends: Array) -> tuple[Array, Array,
     for part, each in zip(numbered.parts, numbered.unknown, strict=True):
         lower[part], upper[part] = each.limits
         if isinstance(each, PointForce) and each.arc_length is None:
-            at, first, last = part.stop - 1, _INSIDE * length, ends[each.tube] - _INSIDE * length
+            at, first, last = part.stop - 1, _INSIDE * length, ends.of(each.tube) - _INSIDE * length
             if lower[at] >= last:
                 raise DefinitionError(
                     f"between = {each.between!r} is not on tube {each.tube}, which ends at {last:g} m"
                 )
             lower[at], upper[at] = max(lower[at], first), min(upper[at], last)
     return scale, lower, upper
-
-
-def tube_ends(robot: Robot, actuation: Actuation) -> Array:
-    """Where the tubes end, m."""
-    return np.asarray(np.array([tube.length for tube in robot.tubes]) + actuation.translations)
-
-
-def check_places(experiment: Experiment, ends: Array) -> None:
-    """Refuse measurements where no robot is, or not the tube that is meant."""
-    length = float(ends.max())
-    for k, measurement in enumerate(experiment.measurements):
-        for request in measurement.requests:
-            if isinstance(request.place, Somewhere):
-                continue
-            s = request.place if isinstance(request.place, float) else arc_length_of(request.place, ends)
-            end = length if request.tube is None or request.kind in ("torque", "force") else ends[request.tube]
-            if s < 0.0 or s > end + 1e-9 * length:
-                raise DefinitionError(
-                    f"measurements[{k}] is at s = {s:g} m, but what is measured reaches from 0 to {end:g} m there"
-                )

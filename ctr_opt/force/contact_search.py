@@ -60,7 +60,7 @@ class _Scan:
         """About base moments without the unknown loads."""
         every = sorted({case.contact(part).tube for part in case.contacts})
         tubes = np.repeat(np.array(every, dtype=np.intp), _PLACES)
-        grid = np.concatenate([(np.arange(_PLACES) + 0.5) / _PLACES * case.ends[tube] for tube in every])
+        grid = np.concatenate([(np.arange(_PLACES) + 0.5) / _PLACES * case.ends.of(tube) for tube in every])
         misfit, by_sought, by_forces = _linearized(case, _model(case, grid, tubes), z, places, 3 * len(grid))
         others = np.ones(by_sought.shape[1], dtype=bool)
         for part in case.contacts:
@@ -80,7 +80,7 @@ class _Scan:
         tube, sought, at = self.case.contact(part).tube, self.case.search.sought, part.stop - 1
         before = [k for k in chosen if self.tubes[k] == tube]
         off = np.abs(self.grid - np.clip(self.grid, sought.lower[at], sought.upper[at]))
-        there = (self.tubes == tube) & (off <= 0.5 * self.case.ends[tube] / _PLACES)
+        there = (self.tubes == tube) & (off <= 0.5 * self.case.ends.of(tube) / _PLACES)
         return [int(k) for k in np.flatnonzero(there) if not before or k > before[-1]]
 
     def losses(self, sets: Sequence[Chosen]) -> dict[Chosen, float]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..checks import Array, number
 from ..errors import DefinitionError
+from ..layout.ends import Ends
 from ..loads import place
 from ..loads.distributed import DistributedLoad
 from ..loads.kind import Load
@@ -89,9 +90,9 @@ class DistributedForce:
             raise DefinitionError(f"coefficients = {self.coefficients} must be above the degree, {self.degree}")
         _ = Gaussian.of(self.prior, "prior", 3), self.limits
 
-    def placed(self, ends: Array) -> DistributedForce:
+    def placed(self, ends: Ends) -> DistributedForce:
         """The same up to the tube's end, on a robot whose tubes end at ``ends``."""
-        end = float(ends[self.tube])
+        end = ends.of(self.tube)
         if self.start >= end or (self.end is not None and self.end > end):
             raise DefinitionError(
                 f"a distributed force from {self.start:g} to {self.end or end:g} m is not on tube {self.tube}, which "

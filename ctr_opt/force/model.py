@@ -14,7 +14,7 @@ import numpy as np
 
 from ..checks import Array
 from ..errors import EstimationError
-from ..estimation.compiled_model import asked, compilable, of_probes, predicted, probe_of, probed
+from ..estimation.compiled_model import arc_length, asked, compilable, of_probes, predicted, probe_of, probed
 from ..estimation.measurements.kind import PredictionList, Request, Somewhere, Stacked
 from ..estimation.symbolic_model import GroupModel
 from ..layout.configuration import Configuration
@@ -76,10 +76,8 @@ class _Compiled:
         others: Sequence[str],
         requests: Sequence[Request],
     ) -> None:
-        ends = np.array([tube.length for tube in robot.tubes]) + actuation.translations
-        longest = int(np.argmax(ends))
         placed = probed(requests)
-        probes = [probe_of(request, longest) for request in placed]
+        probes = [probe_of(request, arc_length(request)) for request in placed]
         self._model = Predictions(robot, [*names, *others], [(actuation, loads)], [probes])
         somewhere = [k for k, request in enumerate(placed) if isinstance(request.place, Somewhere)]
         self._places = [self._model.numbers(f"probes[{k}].arc_length") for k in somewhere]

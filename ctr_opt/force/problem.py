@@ -17,10 +17,11 @@ from ..estimation.measurements import Measurement
 from ..estimation.places import nearest
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
+from ..layout.ends import Ends
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
-from .case import Case, Errors, check_places, tube_ends
+from .case import Case, Errors
 from .contact_number import Contacts, Evidence
 from .contact_profile import Profile
 from .contact_search import contacts
@@ -166,8 +167,8 @@ class ForceEstimationProblem:
             As :meth:`solve`.
         """
         experiment = experiment_of(self.robot, actuation, measurements, loads)
-        ends = tube_ends(self.robot, actuation)
-        check_places(experiment, ends)
+        ends = Ends.of_robot(self.robot, actuation.translations)
+        experiment.check_places(ends)
         for each in self._options[0]:
             each.placed(ends)
 

@@ -8,10 +8,11 @@ from ..checks import Array
 from ..estimation.experiment import Experiment
 from ..estimation.measurements import PositionMeasurement
 from ..estimation.measurements.kind import arc_length_of
+from ..layout.ends import Ends
 from ..robot.robot import Robot
 
 
-def unreachable(robot: Robot, experiment: Experiment, ends: Array, based: bool) -> float:
+def unreachable(robot: Robot, experiment: Experiment, ends: Ends, based: bool) -> float:
     """The least sum of squared misfits, over their variances, whatever the shape: of points at known places.
 
     No two points are farther apart than the arc between them: each with its neighbour, or, where the base is known

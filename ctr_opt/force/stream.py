@@ -14,6 +14,7 @@ from ..calibration.fit import Fit
 from ..checks import Array, array, number
 from ..errors import DefinitionError, EstimationError, SolveError
 from ..estimation.measurements import Measurement
+from ..layout.ends import Ends
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
@@ -138,7 +139,7 @@ class ForceEstimator:
         self._numbered = Numbered.of(_followed(self._problem.unknown), 0)
         self._errors = self._problem.errors(fit)
         self._homes = None if fit is None else fit.homes
-        scale = extent(robot, self._numbered, np.array([tube.length for tube in robot.tubes]))[0]
+        scale = extent(robot, self._numbered, Ends.of_robot(robot, np.zeros(len(robot.tubes))))[0]
         walk = np.append(_drift(drift, self._numbered) / scale, np.zeros(self._errors.count))
         self._loads = len(scale)
         self._unit = np.append(scale, np.ones(self._errors.count))

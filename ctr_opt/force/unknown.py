@@ -13,6 +13,7 @@ import numpy as np
 
 from ..checks import Array, array, index, number
 from ..errors import DefinitionError
+from ..layout.ends import Ends
 from ..loads.kind import Load
 from ..loads.point import PointWrench
 
@@ -133,7 +134,7 @@ class UnknownLoad(Protocol):
     def limits(self) -> tuple[Array, Array]:
         """Their bounds, infinite where they are open."""
 
-    def placed(self, ends: Array) -> UnknownLoad:
+    def placed(self, ends: Ends) -> UnknownLoad:
         """The same on a robot whose tubes end there."""
 
     @property
@@ -159,7 +160,7 @@ class _AsItStands:
         """The force, which comes first."""
         return np.eye(3, len(self.mixing))
 
-    def placed(self, ends: Array) -> Self:  # noqa: ARG002
+    def placed(self, ends: Ends) -> Self:  # noqa: ARG002
         """The same, wherever tubes end."""
         return self
 

@@ -34,7 +34,8 @@ def forward_map(solved: Solved, wrt: Sequence[str], along: Array, steps: int | N
     """The function that ``ForwardProblem.function`` describes."""
     own = solved.configuration
     selected = chosen(parameters(own.robot, own.actuation, own.loads), wrt)
-    problem = ParametricProblem(own, selected, solved.integrator, along.tolist(), clip=True)
+    probes = [(s, None) for s in along.tolist()]
+    problem = ParametricProblem(own, selected, solved.integrator, probes, clip=True)
     order = problem.sorted()
     cuts = np.linspace(0.0, 1.0, (solved.steps if steps is None else steps) + 1)
     model = _Model(Discretized(problem, order, [cuts] * order.sections), len(solved.z))

@@ -97,7 +97,7 @@ def kinked(solved: Solved, chosen: Sequence[Parameter]) -> list[int]:
 def _problem(solved: Solved, chosen: Sequence[Parameter], wanted: Output) -> ParametricProblem:
     configuration = solved.configuration
     left = from_left(wanted, configuration)
-    probes = () if wanted.s is None else (wanted.s,)
+    probes = () if wanted.s is None else ((wanted.s, wanted.tube),)
     return ParametricProblem(configuration, chosen, solved.integrator, probes, from_left=left)
 
 

@@ -88,7 +88,13 @@ class Ends:
 
     def innermost_along(self, s: Array) -> NDArray[np.intp]:
         """The innermost tubes at arc lengths ``s (k,)``."""
-        return np.asarray(np.argmax(self.array >= np.minimum(s, self.length)[:, None] - self.slack, axis=1))
+        return innermost(self.array, s)
+
+
+def innermost(ends: Array, s: Any = np.inf) -> NDArray[np.intp]:
+    """The innermost tubes at ``s (...)``, or at the tip if that is nearer, where tubes end at ``ends (..., tubes)``."""
+    length = ends.max(axis=-1)
+    return np.asarray(np.argmax(ends >= (np.minimum(s, length) - SAME_POINT * length)[..., None], axis=-1))
 
 
 def innermost_at_tip(ends: Sequence[Any], length: Any) -> Any:

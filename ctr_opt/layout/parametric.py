@@ -25,12 +25,16 @@ from .parametric_loads import ParametricLoads
 class Parametric:
     """The configuration with the ``values`` of some parameters, columns of symbols, in the place of its own.
 
-    ``probes`` are arc lengths that are to be break points; under that name they may have symbols among
-    the values. Where the order is not known, ``clip`` keeps every break point on its tube.
+    ``probes`` are arc lengths that are to be break points, on a tube or (None) on the robot; under that name they may
+    have symbols among the values. Where the order is not known, ``clip`` keeps every break point on its tube.
     """
 
     def __init__(
-        self, configuration: Configuration, values: Mapping[str, Any], probes: Sequence[float] = (), clip: bool = False
+        self,
+        configuration: Configuration,
+        values: Mapping[str, Any],
+        probes: Sequence[tuple[float, int | None]] = (),
+        clip: bool = False,
     ) -> None:
         self.configuration = configuration
         self.tubes = configuration.tube_count
@@ -47,8 +51,9 @@ class Parametric:
         self.loads = ParametricLoads(self)
         self._fix_others()
         moving = values.get("probes")
-        for k, s in enumerate(probes):
-            self.add(("probe", k), s if moving is None else moving[k], s, self.length)
+        for k, (s, tube) in enumerate(probes):
+            end = self.length if tube is None else self.tube_ends[tube]
+            self.add(("probe", k), s if moving is None else moving[k], s, end)
 
     # -- values ----------------------------------------------------------------------------------------------------
 

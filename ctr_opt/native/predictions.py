@@ -32,18 +32,22 @@ __all__ = ["Predicted", "Predictions", "Probe", "piecewise_constant", "supported
 
 @attrs.frozen
 class Probe:
-    """Where something is predicted: an arc length, m, or ``None``: a distal end; of a tube, or ``None``: the innermost.
+    """Where something is predicted: an arc length, m, or ``None``: the distal end, of a tube or (``None``) the robot.
 
-    ``Probe()`` is the tip. An arc length stays where it is when tubes are moved, a distal end moves along.
+    ``Probe()`` is the tip. An arc length stays where it is when tubes are moved, a distal end moves along. What is
+    predicted is seen in the ``frame`` of a tube; default: that tube, or the innermost that is there. Past its end a
+    tube's frame is carried on without twist.
     """
 
     arc_length: float | None = None
     tube: int | None = None
+    frame: int | None = None
 
 
 _CURVATURES, _FORCES = ("curvatures", "curvature_rates"), ("forces", "force_rates")  # told where asked for
 
 Experiment: TypeAlias = tuple[Actuation, Sequence[Load]]
+_Place: TypeAlias = tuple[float | None, int, int]
 
 
 @attrs.frozen(eq=False)
@@ -136,12 +140,12 @@ class Predictions:
         _check(robot, names, *experiments[0])
         self._ask(self._directions(names, experiments, len(places[0])), places)
 
-    def _ask(self, asked: list[Directions], places: list[list[tuple[float | None, int]]]) -> None:
+    def _ask(self, asked: list[Directions], places: list[list[_Place]]) -> None:
         """The questions of every experiment; its probes' rows are the first of its point loads."""
         self._combination = asked[0].combination
         self.parameters = self._combination.shape[1]
         self._plain = np.array_equal(self._combination, np.eye(len(self._combination)))
-        own = np.array([[(k, tube) for k, (_, tube) in enumerate(each)] for each in places], dtype=np.intc)
+        own = np.array([[(k, frame) for k, (*_, frame) in enumerate(each)] for each in places], dtype=np.intc)
         directions = np.array([each.rows for each in asked], dtype=np.intc).reshape(len(asked), -1, 3)
         self._questions = Questions(directions, asked[0].tables, own.reshape(len(asked), -1, 2))
         self._sizes = len(asked), own.shape[1], directions.shape[1]
@@ -235,21 +239,20 @@ def _each(probes: Sequence[object], experiments: Sequence[Experiment]) -> list[l
     return made
 
 
-def _places(robot: Robot, actuation: Actuation, probes: Sequence[Probe]) -> list[tuple[float | None, int]]:
-    """Arc lengths, or None for the end, and tubes."""
-    ends = Ends.of_robot(robot, actuation.translations)
-    found: list[tuple[float | None, int]] = []
+def _places(robot: Robot, actuation: Actuation, probes: Sequence[Probe]) -> list[_Place]:
+    """Arc lengths, or None for the end, the tubes that they are on, and those in whose frame they are."""
+    ends, found = Ends.of_robot(robot, actuation.translations), []
     for k, each in enumerate(probes):
-        tube = ends.innermost(each.arc_length) if each.tube is None else index(each.tube, "tube", len(robot.tubes))
-        s = each.arc_length
+        s, tube = each.arc_length, each.tube if each.tube is None else index(each.tube, "tube", len(robot.tubes))
         if s is not None:
             s = number(s, f"probes[{k}].arc_length", least=0.0, most=ends.of(tube) + ends.slack, unit="m")
-        found.append((s, tube))
+        frame = ends.innermost(s) if tube is None else tube
+        found.append((s, ends.innermost() if tube is None else tube, frame if each.frame is None else each.frame))
     return found
 
 
-def _rows(robot: Robot, loads: Sequence[Load], places: list[tuple[float | None, int]]) -> LoadRows:
-    rows = LoadRows.of(robot, loads, places)
+def _rows(robot: Robot, loads: Sequence[Load], places: list[_Place]) -> LoadRows:
+    rows = LoadRows.of(robot, loads, [place[:2] for place in places])
     if rows is None:
         raise DefinitionError("loads: compiled code knows those that are constant or fixed to a tube alone")
     return rows

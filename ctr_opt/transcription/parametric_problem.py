@@ -28,7 +28,8 @@ _STILL = 1e-9  # m per unit of a parameter: break points that move less relative
 class ParametricProblem:
     """A configuration with chosen parameters as symbols.
 
-    ``probes`` are arc lengths at which values are wanted, ``from_left`` before anything that acts or ends there.
+    ``probes`` are arc lengths at which values are wanted, on a tube or (None) on the robot; ``from_left``: before
+    anything that acts or ends there.
     """
 
     def __init__(
@@ -36,7 +37,7 @@ class ParametricProblem:
         configuration: Configuration,
         chosen: Sequence[Parameter],
         integrator: str,
-        probes: Sequence[float] = (),
+        probes: Sequence[tuple[float, int | None]] = (),
         *,
         from_left: bool = False,
         clip: bool = False,

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import ctr_opt as ctr
+from ctr_opt.layout.ends import Ends
 
 SIGMA = 2e-4  # m
 FORCE = np.array([0.1, -0.2, 0.05])
@@ -68,7 +69,7 @@ def test_every_kind_is_kept_within(given, kind):
         "push": ctr.PointForce(0.163, normal=[0.4, -0.9, 0.0], bounds=(None, 0.1)),
     }[kind]
     found = ctr.ForceEstimationProblem(robot, unknown).solve(actuation, measured)
-    low, high = unknown.placed(np.full(3, 0.163)).limits
+    low, high = unknown.placed(Ends.at([0.163] * 3)).limits
     assert (found.estimates >= low).all()
     assert (found.estimates <= high).all()
     assert (np.isclose(found.estimates, low) | np.isclose(found.estimates, high)).any()

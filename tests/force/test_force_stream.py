@@ -1,5 +1,6 @@
 """Loads followed through streams: against Kalman filter and batch, what is missing, late or wild, laws of error."""
 
+import gc
 import tracemalloc
 from pathlib import Path
 
@@ -455,6 +456,7 @@ def long(scene):
             found = estimator.update(*held)
         error = found.force - forces[k]
         squares.append(error @ np.linalg.solve(found.covariance, error))
+    gc.collect()  # garbage that waits for its collection is not there any more
     grown = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     return estimator.counts, np.array(squares), grown

@@ -65,7 +65,7 @@ class BackboneMeasurement(Measurement):
     @property
     def requests(self) -> tuple[Request, ...]:
         """A pose for each point."""
-        return (Request("pose", Somewhere()),) * len(self.position)
+        return (Request("pose", Somewhere(), frame=0),) * len(self.position)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from ...checks import Array, array, index, number
 from ...errors import DefinitionError
+from ...layout.ends import Ends
 
 # -- places ------------------------------------------------------------------------------------------------------------
 
@@ -47,11 +48,9 @@ class Somewhere:
     """A place on the backbone that is estimated, with the rest."""
 
 
-def arc_length_of(place: Place, ends: Array) -> float:
+def arc_length_of(place: Place, ends: Ends) -> float:
     """Where a place is, m, on a robot whose tubes end at ``ends``."""
-    if isinstance(place, Distal):
-        return float(ends[place.tube])
-    return float(ends.max()) if place is None else place
+    return place if isinstance(place, float) else ends.of(None if place is None else place.tube)
 
 
 def places(value: Any) -> tuple[Place, ...]:
@@ -99,13 +98,31 @@ def sensor_name(value: Any) -> str | None:
 class Request:
     """A prediction of a tube that is needed, at a place: ``"pose"``, ``"curvature"``, ``"torque"`` or ``"force"``.
 
-    With ``sensor``, the pose is that of a sensor which the tube carries there.
+    With ``sensor``, the pose is that of a sensor which the tube carries there. ``frame``: the tube whose frame a pose
+    is; None until the robot is known. Where any frame serves, as for positions, it is 0.
     """
 
     kind: str
     place: Place | Somewhere = None
     tube: int | None = None
     sensor: str | None = None
+    frame: int | None = None
+
+    @property
+    def on(self) -> int | None:
+        """The tube that the place must be on; None: it may be anywhere on the robot."""
+        return None if self.kind in ("torque", "force") else self.tube
+
+    def framed(self, ends: Ends) -> Request:
+        """With the tube that is meant on a robot whose tubes end at ``ends``.
+
+        That is the one named, the one whose distal end is the place, or the innermost that is there. It stays so when
+        an estimate moves the ends a little.
+        """
+        if self.kind != "pose" or self.frame is not None or isinstance(self.place, Somewhere):
+            return self
+        tube = self.place.tube if self.tube is None and isinstance(self.place, Distal) else self.tube
+        return attrs.evolve(self, frame=ends.innermost(arc_length_of(self.place, ends)) if tube is None else tube)
 
 
 @attrs.frozen(eq=False)

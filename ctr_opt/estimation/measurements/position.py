@@ -30,7 +30,7 @@ from .kind import (
 @lru_cache
 def _poses(where: tuple[Place, ...], sensor: str | None) -> tuple[Request, ...]:
     """Requests of poses: one object for all measurements at the same places."""
-    return tuple(Request("pose", place, sensor=sensor) for place in where)
+    return tuple(Request("pose", place, sensor=sensor, frame=0 if sensor is None else None) for place in where)
 
 
 @attrs.frozen(eq=False, slots=False)

@@ -63,7 +63,7 @@ class TangentMeasurement(Measurement):
     @property
     def requests(self) -> tuple[Request, ...]:
         """The pose."""
-        return (Request("pose", self.arc_length[0], sensor=self.sensor),)
+        return (Request("pose", self.arc_length[0], sensor=self.sensor, frame=0 if self.sensor is None else None),)
 
     @property
     def shape(self) -> tuple[int, int]:
