@@ -12,6 +12,7 @@ import numpy as np
 
 from ..checks import Array, number
 from ..estimation.places import across, free
+from ..mechanics.law import Stiffness
 from ..robot.names import parameters
 from ..robot.robot import Robot
 from ..robot.tube import Tube
@@ -23,7 +24,6 @@ CONSISTENT = 0.05  # probability of residuals so large, below which they are not
 DETECTED = 0.95  # probability with which a systematic error that is told would be detected
 _ABSORBED = 1e-14  # of the squared effect on what is measured: so little is left of what the loads explain entirely
 _IDLE = 1e-2  # standard deviations of all that is measured: an error of size 1 that does no more does nothing
-_STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 _TELLING = 1.0  # m, rad, or relative: first order says nothing of larger errors
 _SHOWN = {"m": (1e3, "mm"), "rad": (np.degrees(1.0), "deg"), "1": (1e2, "%")}
 
@@ -175,7 +175,7 @@ def _errors(robot: Robot) -> list[Imperfection]:
         if curved := _precurvature(f"tubes[{i}]", tube):
             found.append(Imperfection("curvature", f"curvature of tube {tube.name!r}", "1", curved))
     for i, tube in enumerate(robot.tubes):
-        both = {f"tubes[{i}].{field}": np.array(getattr(tube, field)) for field in _STIFFNESSES}
+        both = {f"tubes[{i}].{field}": np.array(getattr(tube, field)) for field in Stiffness.names()}
         found.append(Imperfection("stiffness", f"stiffness of tube {tube.name!r}", "1", both))
     return found
 

@@ -14,6 +14,7 @@ from ..checks import Array, index
 from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration, Scales
 from ..loads.kind import Load
+from ..mechanics.law import transmission_energy
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from ..solvers.status import SolveStatus
@@ -395,7 +396,7 @@ class Equilibrium(Differentiable):
 
         Of the tubes in ``[0, length]``, the transmissions' torsion, and curved parts held straight behind the entry.
         """
-        twisted = 0.5 * float(self._configuration.transmission_compliance @ self._base.torsional**2)
+        twisted = float(transmission_energy(self._base.torsional, self._configuration.transmission_compliance).sum())
         return self.shape.elastic_energy + twisted + self._configuration.straightening_energy
 
     @cached_property

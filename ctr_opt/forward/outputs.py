@@ -12,6 +12,7 @@ from ..checks import Array, index, number
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
 from ..mechanics.fields import material_frame
+from ..mechanics.law import transmission_energy
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
 from ..transcription.integrals import integral_functions
@@ -168,7 +169,7 @@ class Expressions:
         elastic, potential, _ = self._integrals(swept, discretized)
         parts, tubes = functions.entry.parts, self.problem.configuration.tube_count
         torsion = swept.z[2 : 2 + tubes]
-        twisted = 0.5 * ca.dot(swept.entry[parts["compliance"]], torsion**2)
+        twisted = ca.sum1(transmission_energy(torsion, swept.entry[parts["compliance"]]))
         at_entry = functions.entry.point_energy(swept.entry, swept.entry[parts["position"]])
         elastic = (ca.sum2(elastic) + twisted) * scales.moment + swept.straightening_energy
         return elastic, (ca.sum2(potential) + at_entry) * scales.moment

@@ -16,6 +16,7 @@ import numpy as np
 from ..checks import Array
 from ..mechanics.boundary import Entry
 from ..mechanics.kind import DEAD, Kind
+from ..mechanics.law import Stiffness
 from ..mechanics.rod import Local
 from ..mechanics.state import State, slices
 from .configuration import Configuration, Scales
@@ -42,7 +43,7 @@ class StepColumns:
     def parts(self) -> dict[str, slice]:
         """Where each datum stands in a column."""
         n, c = self.tubes, self.nodes
-        own = {"length": 1, "bending_stiffness": n, "torsional_stiffness": n, "precurvature": 3 * n * c}
+        own = {"length": 1, **dict.fromkeys(Stiffness.names(), n), "precurvature": 3 * n * c}
         return slices({**own, **self._inner.sizes, **self._point.sizes})
 
     @property
@@ -61,8 +62,7 @@ class StepColumns:
         present = configuration.present(steps.mean(axis=1) if middle is None else middle)
         own = {
             "length": np.diff(steps),
-            "bending_stiffness": present * configuration.bending_stiffness,
-            "torsional_stiffness": configuration.torsional_stiffness,
+            **existing(configuration.stiffness, present),
             "precurvature": nodes.precurvature.reshape(count, -1),
         }
         units = self.units(scales)
@@ -78,10 +78,9 @@ class StepColumns:
 
     def units(self, scales: Scales) -> dict[str, float]:
         """By what the parts are multiplied to be dimensionless."""
-        length, stiffness = 1.0 / scales.length, 1.0 / scales.stiffness
-        own = {"bending_stiffness": stiffness, "torsional_stiffness": stiffness, "precurvature": scales.length}
+        stiffness = {name: scales.length ** -Stiffness.lengths(name) / scales.stiffness for name in Stiffness.names()}
         loads = self._inner.units(scales, scales.length) | self._point.units(scales, 1.0)
-        return {"length": length, **own, **loads}
+        return {"length": 1.0 / scales.length, **stiffness, "precurvature": scales.length, **loads}
 
     def pad(self, columns: Array, count: int) -> Array:
         """``columns`` with steps of length zero appended up to ``count``, which change nothing."""
@@ -90,7 +89,7 @@ class StepColumns:
             return columns
         idle = np.zeros((self.size, extra))
         for name, part in self.parts.items():
-            if name.endswith(("stiffness", "unit", "place")):
+            if name in Stiffness.names() or name.endswith(("unit", "place")):
                 idle[part] = columns[part, -1:]
         return np.hstack((columns, idle))
 
@@ -105,8 +104,7 @@ class StepColumns:
         parts, n = self.parts, self.tubes
         start = parts["precurvature"].start + 3 * n * node
         return Local(
-            column[parts["bending_stiffness"]],
-            column[parts["torsional_stiffness"]],
+            Stiffness.of(lambda name: column[parts[name]]),
             column[start : start + 3 * n].reshape((3, n)),
             *self._inner.at(column, parts, node, state),
         )
@@ -211,6 +209,12 @@ class EntryColumn:
         """By what each entry is multiplied when loads with and without a potential and preset curvatures are."""
         point = self._point.factors(self.parts, conservative, rest)
         return _factors(self.parts, {**point, "force": conservative, "twist": precurvature})
+
+
+def existing(stiffness: Stiffness, present: Any) -> dict[str, Any]:
+    """Stiffnesses by name where tubes are ``present`` (one) or have ended (zero)."""
+    values = {name: getattr(stiffness, name) for name in stiffness.names()}
+    return {name: value if stiffness.everywhere(name) else present * value for name, value in values.items()}
 
 
 def _factors(parts: dict[str, slice], of: dict[str, Any]) -> Array:

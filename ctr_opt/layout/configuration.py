@@ -22,7 +22,9 @@ from ..loads.density import knots, largest, values_at
 from ..loads.field import Field
 from ..loads.kind import Load, Push, lowered
 from ..loads.resolution import resolve
+from ..mechanics import law
 from ..mechanics.kind import Kind
+from ..mechanics.law import Stiffness
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .ends import Ends
@@ -132,9 +134,8 @@ class Configuration:
         _check_reach(robot, self.translations)
         self.ends = Ends.of_robot(robot, self.translations)
         self.tube_ends, self.length = self.ends.array, self.ends.length
-        self.bending_stiffness = np.array([tube.bending_stiffness for tube in tubes])
-        self.torsional_stiffness = np.array([tube.torsional_stiffness for tube in tubes])
-        self.scales = Scales(self.length, float(self.bending_stiffness.max()))
+        self.stiffness = Stiffness.of(lambda name: np.array([getattr(tube, name) for tube in tubes]))
+        self.scales = Scales(self.length, float(self.stiffness.bending_stiffness.max()))
         self.points: list[Placed] = []
         self.spans: list[Placed] = []
         self._place()
@@ -212,18 +213,18 @@ class Configuration:
         for i, tube in enumerate(self.robot.tubes):
             inside = -float(self.translations[i])
             twist[i] = tube.shape.integrate(0.0, inside)[2]
-            energy += 0.5 * tube.bending_stiffness * float(tube.shape.integrate(0.0, inside, of="square")[:2].sum())
+            energy += float(tube.shape.integrate(0.0, inside, partial(_held_straight, self.stiffness.of_tube(i))))
         return twist, energy
 
     @property
     def straightening_energy(self) -> float:
-        """``1/2 integral of u*_xy^T K_b u*_xy`` over the parts held straight behind the entry point, J."""
+        """Energy of the curved parts that are held straight behind the entry point, J."""
         return self._straightening_energy
 
     @property
     def transmission_compliance(self) -> Array:
         """``-beta_i / GJ_i``: the angle by which a unit torque twists tube ``i`` behind the entry point, rad/(N m)."""
-        return np.asarray(-self.translations / self.torsional_stiffness)
+        return np.asarray(law.transmission_compliance(-self.translations, self.stiffness))
 
     def present(self, s: Array) -> NDArray[np.bool_]:
         """Which tubes exist at ``s (k,)`` (not a tube's end): ``(k, tubes)``."""
@@ -252,7 +253,7 @@ class Configuration:
     def _curvature_bound(self, start: float, end: float) -> float:
         """A rough upper bound of the curvature in a section, 1/m."""
         middle = np.array([0.5 * (start + end)])
-        stiffness = float((self.bending_stiffness * self.present(middle)[0]).sum())
+        stiffness = float((self.stiffness.bending_stiffness * self.present(middle)[0]).sum())
         nodes = self.nodes(np.array([[start, end]]), np.linspace(0.0, 1.0, 5))
         couple, force, lever = 0.0, 0.0, 0.0
         for point in self.points:
@@ -328,6 +329,11 @@ class Configuration:
         for placed in self.points:
             loads.add((points == placed.start,), placed.push, fields, placed.push.force, placed.push.moment)
         return loads
+
+
+def _held_straight(stiffness: Stiffness, preset: Array) -> Array:
+    """The energy per length at preset curvatures ``(.., 3)``."""
+    return np.asarray(law.straight_energy_density(np.moveaxis(preset, -1, 0), stiffness))
 
 
 def _check_actuation(robot: Robot, actuation: Actuation) -> None:

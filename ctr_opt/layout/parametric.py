@@ -13,9 +13,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..robot import tube as formulas
+from ..mechanics.law import Stiffness, straight_energy_density
 from ..robot.names import Parameter, parameters
+from ..robot.piecewise import gauss
 from ..robot.precurvature import PolynomialCurvature, SampledCurvature, along_arc_length
+from ..robot.tube import STIFFNESSES
 from .configuration import Configuration
 from .ends import innermost_at_tip
 from .ordering import ENTRY, Key, Order
@@ -74,26 +76,15 @@ class Parametric:
         return [ca.DM(row) for row in self._known[name].value.reshape(-1, 3)]
 
     @cached_property
-    def bending_stiffness(self) -> list[Any]:
-        """``EI`` of the tubes, N m^2."""
-        return [self._stiffness(i, "bending_stiffness") for i in range(self.tubes)]
-
-    @cached_property
-    def torsional_stiffness(self) -> list[Any]:
-        """``GJ`` of the tubes, N m^2."""
-        return [self._stiffness(i, "torsional_stiffness") for i in range(self.tubes)]
+    def stiffness(self) -> Stiffness:
+        """The stiffnesses of the tubes ``(tubes,)``."""
+        return Stiffness.of(lambda field: ca.vertcat(*(self._stiffness(i, field) for i in range(self.tubes))))
 
     def _stiffness(self, i: int, field: str) -> Any:
-        tube, name = self.configuration.robot.tubes[i], f"tubes[{i}]."
-        if name + field in self.values or field in tube.given_stiffnesses:
-            return self.at(name + field)
-        area = formulas.second_moment(self.at(name + "outer_diameter"), self.at(name + "inner_diameter"))
-        if field == "bending_stiffness":
-            return self.at(name + "youngs_modulus") * area
-        if tube.shear_modulus is not None:
-            return formulas.torsional_stiffness(self.at(name + "shear_modulus"), area)
-        shear = formulas.shear_modulus(self.at(name + "youngs_modulus"), self.at(name + "poisson_ratio"))
-        return formulas.torsional_stiffness(shear, area)
+        tube, prefix = self.configuration.robot.tubes[i], f"tubes[{i}]."
+        if prefix + field in self.values or field in tube.given_stiffnesses:
+            return self.at(prefix + field)
+        return STIFFNESSES[field](lambda name: None if getattr(tube, name) is None else self.at(prefix + name))
 
     @property
     def base(self) -> tuple[Any, Any, Any]:
@@ -169,13 +160,14 @@ class Parametric:
 
     def energy_behind(self, order: Order, i: int) -> Any:
         """Energy of holding curved parts straight behind the entry point, J."""
-        energy = ca.SX(0)
+        energy, stiffness = ca.SX(0), self.stiffness.of_tube(i)
         for low, high, rows in self._pieces_behind(order, i):
-            for d, row in enumerate(rows):
-                for e, other in enumerate(rows):
-                    power = d + e + 1
-                    energy += ca.dot(row[:2], other[:2]) * (high**power - low**power) / power
-        return 0.5 * self.bending_stiffness[i] * energy
+            half, middle = 0.5 * (high - low), 0.5 * (high + low)
+            for point, weight in zip(*gauss(2 * len(rows)), strict=True):
+                place = middle + float(point) * half
+                preset = sum(row * place**d for d, row in enumerate(rows))
+                energy += float(weight) * half * straight_energy_density(preset, stiffness)
+        return energy
 
     def _pieces_behind(self, order: Order, i: int) -> Iterator[tuple[Any, Any, list[Any]]]:
         """The parts of a tube's pieces behind the entry point: where they begin and end in the piece, coefficients."""

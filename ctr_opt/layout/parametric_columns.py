@@ -13,8 +13,9 @@ from ..checks import Array
 from ..loads.field import Field
 from ..loads.kind import Push
 from ..mechanics.kind import Kind
+from ..mechanics.law import transmission_compliance
 from ..mechanics.so3 import quaternion_of_angles, quaternion_product
-from .columns import EntryColumn, StepColumns
+from .columns import EntryColumn, StepColumns, existing
 from .ordering import Order
 from .parametric import Parametric
 from .parametric_loads import Density
@@ -52,8 +53,7 @@ class ParametricColumns:
         of, order, tubes = self.parametric, self.order, range(self.parametric.tubes)
         data = {
             "length": end - start,
-            "bending_stiffness": ca.vertcat(*(of.present(order, i, section) * of.bending_stiffness[i] for i in tubes)),
-            "torsional_stiffness": ca.vertcat(*of.torsional_stiffness),
+            **existing(of.stiffness, ca.vertcat(*(of.present(order, i, section) for i in tubes))),
             "precurvature": self._curvatures(section, nodes),
             **self._distributed(section, nodes),
             **self._points(section + 1, end, active=jump and high == 1.0),
@@ -83,9 +83,7 @@ class ParametricColumns:
             "orientation": quaternion_product(base, quaternion_of_angles(ca.SX(turned))),
             "rotations": rotations,
             "twist": ca.vertcat(*(of.twist_behind(self.order, i) for i in range(of.tubes))),
-            "compliance": ca.vertcat(
-                *(-beta / stiffness for beta, stiffness in zip(of.translations, of.torsional_stiffness, strict=True))
-            ),
+            "compliance": transmission_compliance(-ca.vertcat(*of.translations), of.stiffness),
             "force": total_force + point["point_force"] * units["point_force"],
             **point,
         }

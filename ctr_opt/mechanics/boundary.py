@@ -7,6 +7,7 @@ from typing import Generic
 import attrs
 import casadi as ca
 
+from .law import transmission_twist
 from .so3 import rotation_matrix
 from .state import State
 from .symbols import SymT
@@ -30,7 +31,7 @@ def entry_state(bending: SymT, torsion: SymT, force: SymT, entry: Entry[SymT]) -
 
     Behind it tubes only twist: ``psi_i(0) = free_angle_i + compliance_i tau_i``.
     """
-    angles = entry.free_angles + entry.compliance * torsion
+    angles = entry.free_angles + transmission_twist(torsion, entry.compliance)
     return State(entry.position, entry.orientation, angles, bending, torsion, entry.force + force)
 
 

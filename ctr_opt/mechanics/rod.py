@@ -12,6 +12,7 @@ import attrs
 import casadi as ca
 
 from . import law as constitutive
+from .law import Stiffness
 from .so3 import quaternion_rate, rotation_matrix, turn, turn_back
 from .state import State
 from .symbols import SymT
@@ -21,13 +22,11 @@ from .symbols import SymT
 class Local(Generic[SymT]):
     """What the equations need to know at one arc length.
 
-    ``bending_stiffness, torsional_stiffness (tubes,)``, the first zero past a tube's end;
-    ``precurvature (3, tubes)`` in the tubes' frames; ``force (3,)``, total, and ``moment (3, tubes)``, each
-    tube's, per arc length in the world frame.
+    ``stiffness`` of all tubes; ``precurvature (3, tubes)`` in the tubes' frames; ``force (3,)``, total, and ``moment
+    (3, tubes)``, each tube's, per arc length in the world frame.
     """
 
-    bending_stiffness: SymT
-    torsional_stiffness: SymT
+    stiffness: Stiffness
     precurvature: SymT
     force: SymT
     moment: SymT
@@ -35,14 +34,14 @@ class Local(Generic[SymT]):
     @property
     def tubes(self) -> int:
         """How many tubes the robot has."""
-        return int(self.bending_stiffness.shape[0])
+        return int(self.precurvature.shape[1])
 
 
 def curvature(state: State[SymT], local: Local[SymT]) -> tuple[SymT, SymT]:
     """Backbone curvature ``u_xy (2,)`` and the tubes' torsions ``u_i,z (tubes,)`` by the constitutive law."""
     x, y = turn(state.angles, local.precurvature[0, :].T, local.precurvature[1, :].T)
-    bent = constitutive.backbone_curvature(state.bending, local.bending_stiffness, x, y)
-    twisted = constitutive.twist_rate(state.torsion, local.torsional_stiffness, local.precurvature[2, :].T)
+    bent = constitutive.backbone_curvature(state.bending, local.stiffness, x, y)
+    twisted = constitutive.twist_rate(state.torsion, local.stiffness, local.precurvature[2, :].T)
     return bent, twisted
 
 
@@ -66,7 +65,7 @@ def rates(state: State[SymT], local: Local[SymT]) -> State[SymT]:
 
 def rates_at(state: State[SymT], local: Local[SymT], frame: SymT, bent: SymT) -> State[SymT]:
     """The same by way of the backbone frame ``R (3, 3)`` and its curvature ``u_xy (2,)``, for derivatives by parts."""
-    twisted = constitutive.twist_rate(state.torsion, local.torsional_stiffness, local.precurvature[2, :].T)
+    twisted = constitutive.twist_rate(state.torsion, local.stiffness, local.precurvature[2, :].T)
     position, orientation = frame[:, 2], quaternion_rate(state.orientation, ca.vertcat(bent, 0))
     to_body = frame.T
     force = to_body @ state.force
@@ -85,7 +84,7 @@ def tube_moments(angles: SymT, bent: SymT, twisted: SymT, local: Local[SymT]) ->
     moments = []
     for i in range(local.tubes):
         excess = strain(angles[i], bent, twisted[i], local.precurvature[:, i])
-        moments.append(constitutive.moment(excess, local.bending_stiffness[i], local.torsional_stiffness[i]))
+        moments.append(constitutive.moment(excess, local.stiffness.of_tube(i)))
     return moments
 
 
@@ -94,5 +93,5 @@ def elastic_density(angles: SymT, bent: SymT, twisted: SymT, local: Local[SymT])
     total = 0 * bent[0]
     for i in range(local.tubes):
         excess = strain(angles[i], bent, twisted[i], local.precurvature[:, i])
-        total += constitutive.energy_density(excess, local.bending_stiffness[i], local.torsional_stiffness[i])
+        total += constitutive.energy_density(excess, local.stiffness.of_tube(i))
     return total

@@ -30,8 +30,7 @@ class Robot(ctypes.Structure):
     """The tubes one behind the other, SI."""
 
     _fields_ = (
-        ("bending", DOUBLES),  # EI of each tube
-        ("torsional", DOUBLES),  # GJ of each tube
+        ("stiffness", DOUBLES),  # STIFFNESSES of each tube, in the order of mechanics/law.py
         ("pieces", INTS),  # TUBES + 1: where each tube's pieces of precurvature begin
         ("degree", _INT),
         ("breaks", DOUBLES),  # arc lengths of the pieces' ends from the tube's base; tube i's from pieces[i] + i
@@ -120,18 +119,17 @@ class Answer(ctypes.Structure):
 class By(IntEnum):
     """Kinds of directions of change, and what their index and component say."""
 
-    BENDING = 0  # EI of a tube
-    TORSIONAL = 1  # GJ of a tube
-    ROTATION = 2  # of a tube
-    TRANSLATION = 3  # of a tube
-    POSITION = 4  # of the entry point, along an axis of the world
-    TURN = 5  # of the entry point, about its own axis
-    FORCE = 6  # of a row of the point loads, a component as it stands there
-    MOMENT = 7
-    PLACE = 8  # the arc length of a point load that has one
-    SPAN_FORCE = 9  # of a row of the loads per length
-    SPAN_MOMENT = 10
-    PRECURVATURE = 11  # a table like the robot's coefficients; the component is the tube it is for
+    STIFFNESS = 0  # of a tube; the component is the number of the stiffness
+    ROTATION = 1  # of a tube
+    TRANSLATION = 2  # of a tube
+    POSITION = 3  # of the entry point, along an axis of the world
+    TURN = 4  # of the entry point, about its own axis
+    FORCE = 5  # of a row of the point loads, a component as it stands there
+    MOMENT = 6
+    PLACE = 7  # the arc length of a point load that has one
+    SPAN_FORCE = 8  # of a row of the loads per length
+    SPAN_MOMENT = 9
+    PRECURVATURE = 10  # a table like the robot's coefficients; the component is the tube it is for
 
 
 class Failure(IntEnum):

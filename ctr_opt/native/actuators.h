@@ -127,7 +127,8 @@ static int cross(Lanes *lanes, int at, double *x, Answer *answer) {
     if (moved) add_hamiltonian(lanes, i, -1.0, x, &here, answer);
     jump_some(lanes, at, i, x);
     add_riding(lanes, at, i, -1.0, &here);
-    take_over(lanes, DATA_BENDING_STIFFNESS + i, 1, &after, &here);
+    for (int n = 0; n < STIFFNESSES; n++)
+      if (!STIFFNESS_EVERYWHERE[n]) take_over(lanes, DATA_STIFFNESS + n * TUBES + i, 1, &after, &here);
     take_over(lanes, DATA_PRECURVATURE + 3 * i, 3, &after, &here);
     if (moved && !(tip && i == last)) add_hamiltonian(lanes, i, 1.0, x, &here, answer);
   }
@@ -143,20 +144,19 @@ static void start_forces(const Lanes *lanes, Answer *answer) {
     const double torque = lanes->z[2 + i] * moment_scale(layout);
     const double sigma = SAME_POINT * layout->length - layout->translations[i];
     const int piece = piece_of(robot, i, sigma);
-    double u[3], *rates_ = answer->force_rates + (size_t)i * lanes->columns;
-    precurvature(robot, i, piece, sigma, u, NULL);
-    const double twist = torque / robot->torsional[i], bent = u[0] * u[0] + u[1] * u[1];
-    answer->forces[i] = torque * (0.5 * twist + u[2]) - 0.5 * robot->bending[i] * bent;
-    rates_[2 + i] = twist + u[2];
+    double preset[3], by_torque, by_preset[3], by_stiffness[STIFFNESSES];
+    double *rates_ = answer->force_rates + (size_t)i * lanes->columns;
+    precurvature(robot, i, piece, sigma, preset, NULL);
+    straightened(&torque, preset, stiffness_of(robot, i), answer->forces + i, &by_torque, by_preset, by_stiffness);
+    rates_[2 + i] = by_torque;
     for (int k = 0; k < lanes->asked->count; k++) {
       const Direction *of = lanes->asked->directions + k;
-      if (of->kind == BY_BENDING && of->index == i) rates_[NZ + k] = -0.5 * bent;
-      if (of->kind == BY_TORSIONAL && of->index == i) rates_[NZ + k] = -0.5 * twist * twist;
+      if (of->kind == BY_STIFFNESS && of->index == i) rates_[NZ + k] = by_stiffness[of->component];
       if (of->kind != BY_PRECURVATURE || of->component != i) continue;
       const Robot changed = with_table(lanes, of->index);
       double change[3];
       precurvature(&changed, i, piece, sigma, change, NULL);
-      rates_[NZ + k] = torque * change[2] - robot->bending[i] * (u[0] * change[0] + u[1] * change[1]);
+      for (int r = 0; r < 3; r++) rates_[NZ + k] += by_preset[r] * change[r];
     }
   }
 }

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..errors import CompilationError
 from ..loads.kind import Load, Push, lowered
 from ..mechanics.kind import Kind
+from ..mechanics.law import Stiffness
 from ..robot.robot import Robot
 from . import abi
 
@@ -27,8 +28,7 @@ class RobotTable:
         degree = max(len(shape.coefficients) for shape in shapes) - 1
         padded = [np.pad(c, ((0, degree + 1 - len(c)), (0, 0), (0, 0))) for c in (s.coefficients for s in shapes)]
         self._arrays = {
-            "bending": np.array([tube.bending_stiffness for tube in robot.tubes]),
-            "torsional": np.array([tube.torsional_stiffness for tube in robot.tubes]),
+            "stiffness": np.array([[getattr(tube, name) for name in Stiffness.names()] for tube in robot.tubes]),
             "pieces": np.concatenate(([0], np.cumsum([shape.coefficients.shape[1] for shape in shapes]))).astype(
                 np.intc
             ),

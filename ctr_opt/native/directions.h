@@ -42,11 +42,11 @@ static int moves(const Layout *layout, const Lane *lane) {
 static int check_direction(const Layout *layout, const Lane *lane) {
   const Loads *loads = layout->loads;
   const int most[DIRECTIONS] = {
-      [BY_BENDING] = TUBES, [BY_TORSIONAL] = TUBES, [BY_ROTATION] = TUBES, [BY_TRANSLATION] = TUBES,
+      [BY_STIFFNESS] = TUBES, [BY_ROTATION] = TUBES, [BY_TRANSLATION] = TUBES,
       [BY_POSITION] = 1, [BY_TURN] = 1, [BY_FORCE] = loads->points, [BY_MOMENT] = loads->points,
       [BY_PLACE] = loads->points, [BY_SPAN_FORCE] = loads->spans, [BY_SPAN_MOMENT] = loads->spans,
       [BY_PRECURVATURE] = INT32_MAX};
-  const int components = lane->kind == BY_PRECURVATURE ? TUBES : 3;
+  const int components = lane->kind == BY_PRECURVATURE ? TUBES : lane->kind == BY_STIFFNESS ? STIFFNESSES : 3;
   if (lane->kind < 0 || lane->kind >= DIRECTIONS || lane->index < 0 || lane->index >= most[lane->kind]) return REFUSED;
   if (lane->component < 0 || lane->component >= components) return REFUSED;
   if (lane->kind == BY_PLACE && isnan(point_load(layout, lane->index)->s)) return REFUSED;
@@ -69,7 +69,7 @@ static int carried(int kind) { return kind != BY_POSITION; }
 /* Whether it changes data along the robot, and not merely where steps end. */
 static int changes_data(const Robot *robot, int kind) {
   switch (kind) {
-    case BY_BENDING: case BY_TORSIONAL: case BY_SPAN_FORCE: case BY_SPAN_MOMENT: case BY_PRECURVATURE: return 1;
+    case BY_STIFFNESS: case BY_SPAN_FORCE: case BY_SPAN_MOMENT: case BY_PRECURVATURE: return 1;
     case BY_TRANSLATION: case BY_PLACE: return robot->degree > 0;
     default: return 0;
   }
@@ -124,11 +124,20 @@ static void grow_force(const Case *c, const Lane *lane, double *along) {
 static void seed_translation(const Case *c, const Lane *lane, const double *z, double *along) {
   const Robot *robot = c->layout->robot;
   const int i = lane->index;
-  const double sigma = -c->layout->translations[i];
-  double preset[3];
+  const double sigma = -c->layout->translations[i], torque = z[2 + i] * moment_scale(c->layout);
+  double preset[3], compliance, by_length, by_stiffness[STIFFNESSES];
   precurvature(robot, i, piece_of(robot, i, sigma), sigma, preset, NULL);
-  along[(AT_ANGLES + i) * BLOCK] = -moment_scale(c->layout) / robot->torsional[i] * z[2 + i] - preset[2];
+  transmission(&sigma, stiffness_of(robot, i), &compliance, &by_length, by_stiffness);
+  along[(AT_ANGLES + i) * BLOCK] = -by_length * torque - preset[2];
   grow_force(c, lane, along);
+}
+
+static void seed_stiffness(const Case *c, const Lane *lane, const double *z, double *along) {
+  const int i = lane->index;
+  const double behind_entry = -c->layout->translations[i];
+  double compliance, by_length, by_stiffness[STIFFNESSES];
+  transmission(&behind_entry, stiffness_of(c->layout->robot, i), &compliance, &by_length, by_stiffness);
+  along[(AT_ANGLES + i) * BLOCK] = by_stiffness[lane->component] * z[2 + i] * moment_scale(c->layout);
 }
 
 /* dR = R hat(e): half the quaternion product with the axis. */
@@ -154,9 +163,7 @@ static void seed(const Lanes *lanes, const Lane *lane, double *along) {
   const int i = lane->index;
   switch (lane->kind) {
     case BY_UNKNOWN: start_unknown(c, i, 1.0 / unit_of(layout, i), along, BLOCK); break;
-    case BY_TORSIONAL:
-      along[(AT_ANGLES + i) * BLOCK] = -c->compliance[i] / layout->robot->torsional[i] * lanes->z[2 + i];
-      break;
+    case BY_STIFFNESS: seed_stiffness(c, lane, lanes->z, along); break;
     case BY_ROTATION: along[(AT_ANGLES + i) * BLOCK] = 1.0; break;
     case BY_TRANSLATION: seed_translation(c, lane, lanes->z, along); break;
     case BY_PLACE: grow_force(c, lane, along); break;

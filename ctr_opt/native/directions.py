@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import attrs
 import numpy as np
@@ -10,14 +11,15 @@ import numpy as np
 from ..checks import Array
 from ..errors import DefinitionError
 from ..loads.kind import Load, lowered
+from ..mechanics.law import Stiffness
 from ..robot.names import parsed
 from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature
 from ..robot.robot import Robot
-from ..robot.tube import Tube
+from ..robot.tube import STIFFNESSES, Tube
 from .abi import By
 
 Row = tuple[int, int, int]
-_STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+_STEP = 1e-30j  # so small that real parts stay as they are
 _SOURCES = ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter")
 
 
@@ -87,10 +89,10 @@ class _Collected:
         for place in places:
             self._number({(kind, *place): 1.0})
 
-    def stiffness(self, i: int, bending: float, torsional: float) -> None:
-        """A number on which both stiffnesses of a tube depend."""
-        parts = {(By.BENDING, i, 0): bending, (By.TORSIONAL, i, 0): torsional}
-        self._number({row: weight for row, weight in parts.items() if weight != 0.0})
+    def stiffness(self, i: int, rates: Mapping[str, float]) -> None:
+        """A number on which stiffnesses of a tube depend."""
+        names = Stiffness.names()
+        self._number({(By.STIFFNESS, i, names.index(name)): rate for name, rate in rates.items() if rate != 0.0})
 
     def curvature(self, i: int, k: int) -> None:
         """The numbers of a piece of precurvature."""
@@ -160,24 +162,20 @@ def _of_load(j: int, field: str, robot: Robot, loads: Sequence[Load]) -> _Added 
 
 
 def _of_tube(tube: Tube, i: int, field: str, loads: Sequence[Load]) -> _Added | None:
-    if field in _STIFFNESSES:
-        return lambda made, _: made.plain(By[field.removesuffix("_stiffness").upper()], [(i, 0)])
+    if field in Stiffness.names():
+        return lambda made, _: made.stiffness(i, {field: 1.0})
     heavy = tube.density > 0.0 and any(load.pulls for load in loads)
     if field not in _SOURCES or (heavy and field.endswith("diameter")) or getattr(tube, field) is None:
         return None
-    return lambda made, _: made.stiffness(i, *_stiffness_rates(tube, field))
+    return lambda made, _: made.stiffness(i, _stiffness_rates(tube, field))
 
 
-def _stiffness_rates(tube: Tube, field: str) -> tuple[float, float]:
-    """Derivatives of ``EI`` and ``GJ`` by a modulus or a diameter; none of a stiffness that is given."""
-    ei, gj = (0.0 if s in tube.given_stiffnesses else float(getattr(tube, s)) for s in _STIFFNESSES)
-    value = float(getattr(tube, field))
-    if field == "youngs_modulus":
-        return ei / value, 0.0 if tube.poisson_ratio is None else gj / value
-    if field == "shear_modulus":
-        return 0.0, gj / value
-    if field == "poisson_ratio":
-        return 0.0, -gj / (1.0 + value)
-    sign = 1.0 if field == "outer_diameter" else -1.0
-    relative = sign * 4.0 * value**3 / (tube.outer_diameter**4 - tube.inner_diameter**4)
-    return ei * relative, gj * relative
+def _stiffness_rates(tube: Tube, field: str) -> dict[str, float]:
+    """Derivatives of the stiffnesses by a modulus or a diameter, by a complex step; none of one that is given."""
+
+    def number(name: str) -> Any:
+        value = getattr(tube, name)
+        return value + _STEP if name == field else value
+
+    rates = {name: rule(number) for name, rule in STIFFNESSES.items() if name not in tube.given_stiffnesses}
+    return {name: complex(rate).imag / _STEP.imag for name, rate in rates.items()}

@@ -13,8 +13,9 @@ from typing import Any
 import casadi as ca
 
 from ..layout.columns import StepColumns
-from ..mechanics import boundary, rod
+from ..mechanics import boundary, law, rod
 from ..mechanics.kind import Kind
+from ..mechanics.law import Stiffness
 from ..mechanics.so3 import rotation_matrix, turn_of
 from ..mechanics.state import State, slices
 from ..transcription.integrals import integral_functions
@@ -22,8 +23,8 @@ from ..transcription.second_variation import second_variation_functions
 from ..transcription.shooting import shooting_functions
 from .routines import Routine, product
 
-TUBES = ("bending_stiffness", "torsional_stiffness", "precurvature")  # data of the tubes alone
-SHARED = ("bending_stiffness", "torsional_stiffness", "unit")  # by all nodes of a step
+TUBES = (*Stiffness.names(), "precurvature")  # data of the tubes alone
+SHARED = (*Stiffness.names(), "unit")  # by all nodes of a step
 
 
 def lanes(count: int) -> int:
@@ -54,6 +55,7 @@ class Equations:
         own = [self._rates(), self._slopes(), self._behind(), self._behind_slopes(), self._attitude()]
         own += [self._free(own[0]), self._free(own[1]), self._slopes_by_data("slopes_by_data", self._by_everything)]
         own += [self._free(self._slopes_by_data("slopes_by_data", self._by_tubes)), self._hamiltonian()]
+        own += [_transmission(), _straightened()]
         return own if self.kind.live else [*own, *self._second_variation()]
 
     def products(self) -> str:
@@ -209,7 +211,14 @@ class Equations:
         names = {
             **{"TUBES": tubes, "NX": State.size(tubes), "NZ": len(boundary.tip_rows(tubes, self.kind.live))},
             **{"LANES": lanes(tubes), "MOST_UNKNOWNS": State.size(tubes)},
-            **{"PARTS": len(size), "DATA": data, "SHARED": shared, "AT_NODES": data - shared},
+            **{
+                "STIFFNESSES": len(Stiffness.names()),
+                "DATA_STIFFNESS": 0,
+                "PARTS": len(size),
+                "DATA": data,
+                "SHARED": shared,
+                "AT_NODES": data - shared,
+            },
             **{"POINT": self.point.numel(), "INNER": self._by_parts.nnz(), "OUTER": self._outer.nnz()},
             **{"INNER_BY_DATA": self._by_tubes[0].nnz(), "OUTER_BY_TUBES": self._by_tubes[1].nnz()},
             **{"OUTER_BY_DATA": self._by_everything[1].nnz()},
@@ -217,8 +226,32 @@ class Equations:
         }
         names |= {f"AT_{name.upper()}": part.start for name, part in State.parts(tubes).items()}
         names |= {f"{name.upper()}": part.start for name, part in self._point_parts().items()}
+        names |= {name.upper(): k for k, name in enumerate(Stiffness.names())}
         names |= {f"PART_{name.upper()}": k for k, name in enumerate(size)}
         return names | {f"DATA_{name.upper()}": part.start for name, part in slices(size).items()}
+
+
+def _stiffness() -> tuple[ca.SX, Stiffness]:
+    """The stiffnesses of one tube as symbols."""
+    symbols = ca.SX.sym("stiffness", len(Stiffness.names()))
+    return symbols, Stiffness(*ca.vertsplit(symbols))
+
+
+def _transmission() -> Routine:
+    """The compliance of a transmission, SI, and its derivatives."""
+    length, (symbols, stiffness) = ca.SX.sym("length"), _stiffness()
+    value = law.transmission_compliance(length, stiffness)
+    outputs = {"value": value, "by_length": ca.gradient(value, length), "by_stiffness": ca.gradient(value, symbols)}
+    return Routine("transmission", {"length": length, "stiffness": symbols}, outputs)
+
+
+def _straightened() -> Routine:
+    """The Hamiltonian of a tube alone that is held straight, SI, and its derivatives."""
+    torque, preset, (symbols, stiffness) = ca.SX.sym("torque"), ca.SX.sym("preset", 3), _stiffness()
+    value = law.straight_hamiltonian(torque, preset, stiffness)
+    given = {"torque": torque, "preset": preset, "stiffness": symbols}
+    slopes = {f"by_{name}": ca.gradient(value, symbol) for name, symbol in given.items()}
+    return Routine("straightened", given, {"value": value, **slopes})
 
 
 def _nonzeros(matrix: ca.SX) -> Any:

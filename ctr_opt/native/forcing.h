@@ -39,13 +39,12 @@ static int change_lane(Change *of, int l) {
   const Lane *lane = of->lane + l;
   double unit;
   switch (lane->kind) {
-    case BY_BENDING:
-      if (!present(layout, of->step, lane->index)) return 0;
-      of->change[(DATA_BENDING_STIFFNESS + lane->index) * BLOCK + l] = 1.0 / layout->stiffness;
+    case BY_STIFFNESS: {
+      const int n = lane->component, datum = DATA_STIFFNESS + n * TUBES + lane->index;
+      if (!STIFFNESS_EVERYWHERE[n] && !present(layout, of->step, lane->index)) return 0;
+      of->change[datum * BLOCK + l] = 1.0 / stiffness_scale(layout, n);
       return CHANGED;
-    case BY_TORSIONAL:
-      of->change[(DATA_TORSIONAL_STIFFNESS + lane->index) * BLOCK + l] = 1.0 / layout->stiffness;
-      return CHANGED;
+    }
     case BY_SPAN_FORCE: case BY_SPAN_MOMENT: {
       if (!covers(layout, lane->index, of->step)) return 0;
       const int datum = span_datum(layout, lane, &unit);

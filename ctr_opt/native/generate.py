@@ -13,6 +13,7 @@ from ..layout.configuration import LARGEST_TURN, MOST_STEPS
 from ..layout.ends import SAME_POINT
 from ..mechanics.boundary import tip_rows
 from ..mechanics.kind import Kind
+from ..mechanics.law import Stiffness
 from ..transcription.integrators import runge_kutta
 from ..transcription.stability import MARGIN
 from . import abi
@@ -45,6 +46,8 @@ def _constants(equations: Equations) -> str:
     text = "".join(f"static const double {name} = {value!r};\n" for name, value in _NUMBERS.items())
     text += f"#define LIVE {int(equations.kind.live)}\n"
     text += enum(equations.sizes() | stages) + array("int", "PART_SIZE", sizes.values())
+    text += array("int", "STIFFNESS_LENGTHS", map(Stiffness.lengths, Stiffness.names()))
+    text += array("int", "STIFFNESS_EVERYWHERE", (int(Stiffness.everywhere(name)) for name in Stiffness.names()))
     text += array("int", "PART_AT_NODES", (int(name not in SHARED) for name in sizes))
     return text + array("int", "TIP_ROWS", tip_rows(equations.tubes, equations.kind.live))
 

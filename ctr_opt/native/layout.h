@@ -81,6 +81,10 @@ static void empty(void) {
   arena->used = 0;
 }
 
+/* -- tubes' numbers ----------------------------------------------------------------------------------------------------- */
+
+static const double *stiffness_of(const Robot *robot, int tube) { return robot->stiffness + STIFFNESSES * tube; }
+
 /* -- precurvature ------------------------------------------------------------------------------------------------------ */
 
 static int piece_of(const Robot *robot, int tube, double sigma) {
@@ -233,7 +237,7 @@ static double preset_bound(const Layout *layout, double start, double end, doubl
   *stiffness = 0.0;
   for (int i = 0; i < TUBES; i++) {
     if (middle >= layout->ends[i]) continue;
-    *stiffness += robot->bending[i];
+    *stiffness += stiffness_of(robot, i)[BENDING_STIFFNESS];
     const int piece = piece_of(robot, i, middle - layout->translations[i]);
     for (int j = 0; j < (robot->degree ? 5 : 1); j++) {
       double value[3];
@@ -329,7 +333,7 @@ static int lay_out(const Robot *robot, const Loads *loads, const double *actuati
     if (!(end > 0.0 && layout->translations[i] <= 0.0)) return REFUSED;
     layout->ends[i] = end;
     layout->length = fmax(layout->length, end);
-    layout->stiffness = fmax(layout->stiffness, robot->bending[i]);
+    layout->stiffness = fmax(layout->stiffness, stiffness_of(robot, i)[BENDING_STIFFNESS]);
   }
   const int refused = sort_breaks(layout);
   return refused ? refused : cut_steps(layout);

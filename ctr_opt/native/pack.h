@@ -11,6 +11,13 @@ typedef struct {
 static double moment_scale(const Layout *layout) { return layout->stiffness / layout->length; }
 static double force_scale(const Layout *layout) { return layout->stiffness / (layout->length * layout->length); }
 
+/* The unit of a stiffness. */
+static double stiffness_scale(const Layout *layout, int k) {
+  double unit = layout->stiffness;
+  for (int power = 0; power < STIFFNESS_LENGTHS[k]; power++) unit *= layout->length;
+  return unit;
+}
+
 /* The unit of an unknown, and of the tip condition that goes with it. */
 static double unit_of(const Layout *layout, int unknown) {
   return unknown < 2 + TUBES ? moment_scale(layout) : force_scale(layout);
@@ -54,8 +61,9 @@ static void fill_tubes(Case *c, int k) {
   column[0] = (step.end - step.start) / layout->length;
   for (int i = 0; i < TUBES; i++) {
     const int present = section_middle < layout->ends[i];
-    column[1 + i] = present ? robot->bending[i] / layout->stiffness : 0.0;
-    column[1 + TUBES + i] = robot->torsional[i] / layout->stiffness;
+    for (int n = 0; n < STIFFNESSES; n++)
+      if (present || STIFFNESS_EVERYWHERE[n])
+        column[1 + DATA_STIFFNESS + n * TUBES + i] = stiffness_of(robot, i)[n] / stiffness_scale(layout, n);
     if (!present) continue;
     const int piece = piece_of(robot, i, section_middle - layout->translations[i]);
     if (robot->degree == 0) {
@@ -108,14 +116,14 @@ static void weigh(Case *c) {
   double softest = INFINITY;
   for (int k = 0; k < c->track.steps; k++) {
     double bending = 0.0;
-    for (int i = 0; i < TUBES; i++) bending += c->columns[(size_t)k * size + 1 + i];
+    for (int i = 0; i < TUBES; i++) bending += c->columns[(size_t)k * size + 1 + DATA_BENDING_STIFFNESS + i];
     softest = fmin(softest, bending);
   }
   double *weight = c->track.weight;
   for (int r = 0; r < NX; r++) weight[r] = 1.0;
   for (int r = 0; r < 2; r++) weight[AT_BENDING + r] = fmax(1.0, SOFT / softest);
   for (int i = 0; i < TUBES; i++)
-    weight[AT_TORSION + i] = fmax(1.0, SOFT * c->layout->stiffness / c->layout->robot->torsional[i]);
+    weight[AT_TORSION + i] = fmax(1.0, SOFT * c->layout->stiffness / stiffness_of(c->layout->robot, i)[TORSIONAL_STIFFNESS]);
 }
 
 static int pack(Layout *layout, const Tableau *rk, Case *c) {
@@ -151,8 +159,10 @@ static int pack(Layout *layout, const Tableau *rk, Case *c) {
       }
   for (int i = 0; i < TUBES; i++) {
     const double behind_entry = -layout->translations[i];
+    double compliance, by_length, by_stiffness[STIFFNESSES];
     c->free_angles[i] = layout->rotations[i] + preset_twist(layout->robot, i, behind_entry);
-    c->compliance[i] = behind_entry / layout->robot->torsional[i] * moment_scale(layout);
+    transmission(&behind_entry, stiffness_of(layout->robot, i), &compliance, &by_length, by_stiffness);
+    c->compliance[i] = compliance * moment_scale(layout);
     if (!(fabs(c->free_angles[i]) <= LARGEST_ANGLE)) return REFUSED;
   }
   weigh(c);

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import attrs
@@ -46,20 +47,22 @@ class PiecewisePolynomial:
             value = value * local + coefficient[piece]
         return value
 
-    def integrate(self, start: float, end: float, of: str = "value") -> Array:
-        """``integral of f`` (or, with ``of="square"``, of ``f * f``) over ``[start, end]``, shape ``(3,)``; exact."""
+    def integrate(self, start: float, end: float, of: Callable[[Array], Array] | None = None) -> Array:
+        """``integral of f`` over ``[start, end]``, ``(3,)``, or of a function of its values ``(.., 3)``.
+
+        Exact for polynomials of ``f`` up to the third degree.
+        """
         inner = self.breaks[(self.breaks > start) & (self.breaks < end)]
         edges = np.concatenate(([start], inner, [end]))
-        points, weights = _gauss(len(self.coefficients) + 1)
+        points, weights = gauss(len(self.coefficients) + 1 if of is None else 2 * len(self.coefficients))
         half = 0.5 * np.diff(edges)[:, None]
         middle = 0.5 * (edges[1:] + edges[:-1])[:, None]
         values = self(middle + half * points, np.broadcast_to(self.piece(middle), (len(half), len(points))))
-        values = values**2 if of == "square" else values
-        return np.asarray(np.einsum("ij,ijk->k", half * weights, values))
+        return np.asarray(np.einsum("ij,ij...->...", half * weights, values if of is None else of(values)))
 
 
 @cache
-def _gauss(count: int) -> tuple[Array, Array]:
+def gauss(count: int) -> tuple[Array, Array]:
     """Nodes and weights of Gauss and Legendre's rule."""
     points, weights = np.polynomial.legendre.leggauss(count)
     return points, weights

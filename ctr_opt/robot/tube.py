@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import attrs
@@ -33,6 +34,28 @@ def shear_modulus(youngs_modulus: Any, poisson_ratio: Any) -> Any:
 def torsional_stiffness(shear: Any, moment_of_area: Any) -> Any:
     """``GJ = 2 G I``, N m^2."""
     return shear * 2.0 * moment_of_area
+
+
+Numbers = Callable[[str], Any]
+"""The moduli and diameters of a tube by name; None for what is not given."""
+
+
+def _bending(of: Numbers) -> Any:
+    young = of("youngs_modulus")
+    return None if young is None else young * second_moment(of("outer_diameter"), of("inner_diameter"))
+
+
+def _torsional(of: Numbers) -> Any:
+    shear, young, ratio = of("shear_modulus"), of("youngs_modulus"), of("poisson_ratio")
+    if shear is None and young is not None and ratio is not None:
+        shear = shear_modulus(young, ratio)
+    return (
+        None if shear is None else torsional_stiffness(shear, second_moment(of("outer_diameter"), of("inner_diameter")))
+    )
+
+
+STIFFNESSES: dict[str, Callable[[Numbers], Any]] = {"bending_stiffness": _bending, "torsional_stiffness": _torsional}
+"""What each stiffness follows from where it is not given; None where that is missing."""
 
 
 def _positive_or_none(value: Any, field: str, unit: str) -> float | None:
@@ -111,8 +134,8 @@ class Tube:
         put("youngs_modulus", _positive_or_none(self.youngs_modulus, "youngs_modulus", "Pa"))
         put("shear_modulus", _positive_or_none(self.shear_modulus, "shear_modulus", "Pa"))
         put("density", number(self.density, "density", least=0.0, unit="kg/m^3"))
-        put("_bending_stiffness", _positive_or_none(self._bending_stiffness, "bending_stiffness", "N m^2"))
-        put("_torsional_stiffness", _positive_or_none(self._torsional_stiffness, "torsional_stiffness", "N m^2"))
+        for name in STIFFNESSES:
+            put(f"_{name}", _positive_or_none(getattr(self, f"_{name}"), name, "N m^2"))
         if self.poisson_ratio is not None:
             put("poisson_ratio", number(self.poisson_ratio, "poisson_ratio", above=-1.0, most=0.5))
             if self.shear_modulus is not None:
@@ -122,22 +145,19 @@ class Tube:
                 )
         if self.youngs_modulus is None and self._bending_stiffness is None:
             raise DefinitionError("youngs_modulus is missing: give it, in Pa, or bending_stiffness, in N m^2")
-        if self._torsional_stiffness is None and self._shear() is None:
+        if self._stiffness("torsional_stiffness") is None:
             raise DefinitionError(
                 "shear_modulus is missing: give it, in Pa, or poisson_ratio with youngs_modulus, "
                 "or torsional_stiffness, in N m^2"
             )
-        for name in ("bending_stiffness", "torsional_stiffness"):
+        for name in STIFFNESSES:
             number(getattr(self, name), f"{name} of these diameters and moduli", above=0.0, unit="N m^2")
         put("precurvature", as_pieces(self.precurvature))
         put("shape", PiecewisePolynomial.join([piece.polynomial() for piece in self.precurvature]))
 
-    def _shear(self) -> float | None:
-        if self.shear_modulus is not None:
-            return self.shear_modulus
-        if self.poisson_ratio is None or self.youngs_modulus is None:
-            return None
-        return float(shear_modulus(self.youngs_modulus, self.poisson_ratio))
+    def _stiffness(self, name: str) -> Any:
+        given = getattr(self, f"_{name}")
+        return given if given is not None else STIFFNESSES[name](lambda field: getattr(self, field))
 
     @property
     def second_moment(self) -> float:
@@ -152,19 +172,12 @@ class Tube:
     @property
     def bending_stiffness(self) -> float:
         """``EI``, N m^2."""
-        if self._bending_stiffness is not None:
-            return self._bending_stiffness
-        assert self.youngs_modulus is not None
-        return self.youngs_modulus * self.second_moment
+        return float(self._stiffness("bending_stiffness"))
 
     @property
     def torsional_stiffness(self) -> float:
         """``GJ``, N m^2."""
-        if self._torsional_stiffness is not None:
-            return self._torsional_stiffness
-        shear = self._shear()
-        assert shear is not None
-        return float(torsional_stiffness(shear, self.second_moment))
+        return float(self._stiffness("torsional_stiffness"))
 
     @property
     def length(self) -> float:
@@ -174,5 +187,5 @@ class Tube:
     @property
     def given_stiffnesses(self) -> dict[str, float]:
         """The stiffnesses that were given directly, by their argument names."""
-        given = {"bending_stiffness": self._bending_stiffness, "torsional_stiffness": self._torsional_stiffness}
+        given = {name: getattr(self, f"_{name}") for name in STIFFNESSES}
         return {name: value for name, value in given.items() if value is not None}

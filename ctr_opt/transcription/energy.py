@@ -20,6 +20,7 @@ from ..layout.columns import EntryColumn, StepColumns
 from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
 from ..mechanics.kind import Kind
+from ..mechanics.law import Stiffness
 from ..mechanics.so3 import quaternion_rate
 from ..mechanics.state import State, state_names
 from .guess import Guess
@@ -171,8 +172,7 @@ class EnergyProblem(TranscribedProblem):
     def metric(self) -> Array:
         """The elastic energy's weights of the free variables, at fixed preset curvature."""
         parts, weights = self.program.columns.parts, self.program.points.weights
-        bending = self._columns[parts["bending_stiffness"]].sum(axis=0)
-        stiffness = np.vstack((bending, bending, self._columns[parts["torsional_stiffness"]]))
+        stiffness = np.vstack(Stiffness.of(lambda name: self._columns[parts[name]]).resistance())
         lengths = self._columns[0]
         metric = np.einsum("k,j,ik->kji", lengths, weights, stiffness)
         metric[lengths == 0.0] = 1.0

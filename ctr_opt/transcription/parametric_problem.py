@@ -18,6 +18,7 @@ from ..layout.ordering import ENTRY, Key, Order, given_order, sorted_order
 from ..layout.parametric import Parametric
 from ..layout.parametric_columns import ParametricColumns, fractions_of
 from ..loads.resolution import called
+from ..mechanics.law import straight_hamiltonian
 from ..robot.names import Parameter
 from .shooting import ShootingFunctions, shooting_functions
 
@@ -145,7 +146,8 @@ class ParametricProblem:
         """
         torque, tube = ca.SX.sym("torque"), self.parametric
         key = max((key for key, rank in order.ranks.items() if key[:2] == ("tube", i) and rank < 0), key=lambda k: k[2])
-        force = self._straightened(i, torque, self._preset(key, tube.shapes[i][key[2]][1]))
+        preset = self._preset(key, tube.shapes[i][key[2]][1])
+        force = straight_hamiltonian(torque, preset, tube.stiffness.of_tube(i))
         return ca.Function("behind", [self.theta, torque], [force])
 
     def actuated(self, i: int, order: Order) -> ca.Function:
@@ -163,7 +165,7 @@ class ParametricProblem:
         preset = self._preset(*shapes[0])
         for key, rows in shapes[1:]:
             preset = ca.if_else(points[key] <= 0, self._preset(key, rows), preset)
-        force = self._straightened(i, torque, preset)
+        force = straight_hamiltonian(torque, preset, self.parametric.stiffness.of_tube(i))
         return ca.Function("actuated", [self.theta, torque], [weights, force])
 
     def _preset(self, key: Key, rows: Sequence[Any]) -> Any:
@@ -172,11 +174,6 @@ class ParametricProblem:
         for d, row in enumerate(rows):
             preset += row * (0.0 - self.parametric.points[key]) ** d
         return preset
-
-    def _straightened(self, i: int, torque: Any, preset: Any) -> Any:
-        """The Hamiltonian of a tube alone that is held straight, N."""
-        bending, torsional = self.parametric.bending_stiffness[i], self.parametric.torsional_stiffness[i]
-        return 0.5 * torque**2 / torsional + torque * preset[2] - 0.5 * bending * ca.sumsqr(preset[:2])
 
 
 @attrs.frozen(eq=False)

@@ -17,6 +17,7 @@ from typing import Any
 import casadi as ca
 
 from ..mechanics.kind import Kind
+from ..mechanics.law import Stiffness
 from ..mechanics.so3 import turn_of, turning
 from ..mechanics.state import State
 from .sharing import shared_by_kind
@@ -134,7 +135,7 @@ class SecondVariationFunctions:
         unit = ca.sqrt(ca.if_else(data[0] == 0, 1, flexible))
         own = _sized(transfer, unit)
         _, b, _, d = (block[: self.bent, : self.bent] for block in quarters(own))
-        bends = data[layout.parts["bending_stiffness"]] > 0  # past its end a tube follows, and only its torsion resists
+        bends = Stiffness.of(lambda name: data[layout.parts[name]]).bends()  # where not, only its torsion resists
         counts = ca.vertcat(ca.SX.ones(2), ca.if_else(bends, 1, 0))
         doubtful = ca.if_else(data[0] == 0, 0, _irregular(b, counts) + _irregular(d, counts))
         results = [ca.densify(transfer), ca.densify(hessian), flexible, doubtful, symplectic_defect(own)]
@@ -142,10 +143,9 @@ class SecondVariationFunctions:
 
     def _flexibility(self, column: Any) -> Any:
         """By how much the step's end moves under unit momenta there: ``h / K``, and ``h^3 / K`` of a position."""
-        parts = self.shooting.columns.parts
-        length, bending = column[0], ca.sum1(column[parts["bending_stiffness"]])
-        stiffness = ca.vertcat(bending, bending, column[parts["torsional_stiffness"]])
-        return ca.vertcat(length / stiffness, ca.repmat(length**3 / bending, self.positions, 1))
+        parts, length = self.shooting.columns.parts, column[0]
+        stiffness = ca.vertcat(*Stiffness.of(lambda name: column[parts[name]]).resistance())
+        return ca.vertcat(length / stiffness, ca.repmat(length**3 / stiffness[0], self.positions, 1))
 
     def _eliminate(self) -> ca.Function:
         n, bent = self.size, self.bent

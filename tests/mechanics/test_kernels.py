@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 import ctr_opt as ctr
 from ctr_opt.mechanics import law as constitutive
 from ctr_opt.mechanics.so3 import quaternion_rate, rotation_matrix
+from ctr_opt.robot.tube import STIFFNESSES
 from ctr_opt.transcription.integrators import runge_kutta
 from ctr_opt.transcription.schemes import tableau
 from tests.support.physics import held, random_robot, rod
@@ -15,18 +16,47 @@ from tests.support.physics import held, random_robot, rod
 
 def test_the_moment_is_the_derivative_of_the_energy():
     strain, bending, torsional = ca.SX.sym("strain", 3), ca.SX.sym("EI"), ca.SX.sym("GJ")
-    gradient = ca.gradient(constitutive.energy_density(strain, bending, torsional), strain)
-    moment = constitutive.moment(strain, bending, torsional)
+    stiffness = constitutive.Stiffness(bending, torsional)
+    gradient = ca.gradient(constitutive.energy_density(strain, stiffness), strain)
+    moment = constitutive.moment(strain, stiffness)
     difference = ca.Function("d", [strain, bending, torsional], [gradient - moment])
     assert float(ca.norm_inf(difference([0.3, -0.2, 0.7], 2.0, 3.0))) < 1e-15
 
 
 def test_the_curvature_is_that_at_which_the_tubes_carry_the_moment():
     rng = np.random.default_rng(7)
-    stiffness, x, y, moment = rng.uniform(1, 3, 4), rng.normal(size=4), rng.normal(size=4), rng.normal(size=2)
-    u = constitutive.backbone_curvature(ca.DM(moment), ca.DM(stiffness), ca.DM(x), ca.DM(y)).full()[:, 0]
-    carried = [np.sum(stiffness * (u[0] - x)), np.sum(stiffness * (u[1] - y))]
+    bending, x, y, moment = rng.uniform(1, 3, 4), rng.normal(size=4), rng.normal(size=4), rng.normal(size=2)
+    stiffness = constitutive.Stiffness(ca.DM(bending), ca.DM(bending))
+    u = constitutive.backbone_curvature(ca.DM(moment), stiffness, ca.DM(x), ca.DM(y)).full()[:, 0]
+    carried = [np.sum(bending * (u[0] - x)), np.sum(bending * (u[1] - y))]
     np.testing.assert_allclose(carried, moment, atol=1e-14)  # rounding of sums of size 10
+
+
+def test_a_tube_held_straight_has_the_energy_of_its_strain():
+    """``H = tau u_z - W``, its derivative by the torque is the twist, and by the length the compliance is a rate."""
+    stiffness, preset, torque = constitutive.Stiffness(0.02, 0.015), ca.DM([3.0, -4.0, 0.5]), ca.SX.sym("torque")
+    twist = constitutive.twist_rate(torque, stiffness, preset[2])
+    value = constitutive.straight_hamiltonian(torque, preset, stiffness)
+    gap = ca.Function("gap", [torque], [ca.gradient(value, torque) - twist, value])
+    slope, at = gap(0.003)
+    assert abs(float(slope)) < 1e-15
+    straight = 0.5 * 0.02 * 25.0  # half EI times the squared preset curvature
+    assert float(constitutive.straight_energy_density(preset, stiffness)) == pytest.approx(straight, rel=1e-15)
+    assert float(at) == pytest.approx(0.003 * (0.5 + 0.5 * 0.003 / 0.015) - straight, rel=1e-14)
+    compliance = constitutive.transmission_compliance(0.06, stiffness)
+    assert constitutive.transmission_twist(0.003, compliance) == pytest.approx(0.06 * 0.003 / 0.015, rel=1e-15)
+    assert constitutive.transmission_energy(0.003, compliance) == pytest.approx(
+        0.5 * 0.06 * 0.003**2 / 0.015, rel=1e-15
+    )
+
+
+def test_stiffnesses_past_the_end_of_a_tube():
+    """The first tube has ended: it does not resist bending, but its torsion is kept."""
+    given = constitutive.Stiffness(np.array([0.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]))
+    assert given.resistance() == [5.0, 5.0, 4.0, 5.0, 6.0]
+    assert given.bends().tolist() == [False, True, True]
+    assert [given.everywhere(name) for name in given.names()] == [False, True]
+    assert set(given.names()) == set(STIFFNESSES)
 
 
 def test_quaternions_are_rotations_of_any_length():

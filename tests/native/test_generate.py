@@ -162,7 +162,7 @@ def test_what_is_compiled_decides_what_is_compiled_again(tmp_path):
     assert libraries().keys() == {first[0]}
     assert len(list(cache.glob("*.note"))) == 2
     replaced(
-        law, "preset + torsional_moment / torsional_stiffness", "preset + 2 * torsional_moment / torsional_stiffness"
+        law, "preset + torque / stiffness.torsional_stiffness", "preset + 2 * torque / stiffness.torsional_stiffness"
     )
     assert len(libraries()) == 2
     replaced(package / "native" / "newton.h", "CONTRACTION = 0.5", "CONTRACTION = 0.4")

@@ -121,7 +121,7 @@ def test_a_spring_that_pushes_aside_overcomes_the_cantilever():
 def several(configuration, rng, tries=3):
     """The equilibria that Newton's method finds from random moments, be they stable or not."""
     shooting = Shooting(configuration, configuration.mesh())
-    stiffness = configuration.torsional_stiffness / configuration.scales.stiffness
+    stiffness = configuration.stiffness.torsional_stiffness / configuration.scales.stiffness
     size = np.ones(shooting.unknowns)
     size[2 : 2 + len(stiffness)] = stiffness
     for _ in range(tries):
