@@ -54,6 +54,7 @@ from .loads.gravity import Gravity
 from .loads.masses import DistributedMass, PointMass
 from .loads.point import PointWrench
 from .loads.potential import PotentialLoad
+from .loads.spring import Spring
 from .robot.actuation import Actuation
 from .robot.curves import precurvature_from_curve
 from .robot.precurvature import Arc, PolynomialCurvature, SampledCurvature, Straight
@@ -76,8 +77,8 @@ __all__ = [
     "InverseKinematicsProblem", "InverseKinematicsResult", "InverseKinematicsStatus", "Ipopt", "JointLimits",
     "MultipleShooting", "NestingWarning", "Newton", "Parameter", "Plan", "PointForce", "PointMass", "PointWrench",
     "PolynomialCurvature", "PoseMeasurement", "PositionMeasurement", "PotentialLoad", "Problem", "Robot",
-    "SampledCurvature", "SolveError", "SolveStatus", "Straight", "StreamedForce", "TangentMeasurement", "TipForce",
-    "TipWrench", "TorqueMeasurement", "Tube", "__version__", "load_plan", "load_problem", "load_robot",
+    "SampledCurvature", "SolveError", "SolveStatus", "Spring", "Straight", "StreamedForce", "TangentMeasurement",
+    "TipForce", "TipWrench", "TorqueMeasurement", "Tube", "__version__", "load_plan", "load_problem", "load_robot",
     "precurvature_from_curve", "read_experiments", "save_robot", "save_shape", "sensing", "write_experiments",
 ]
 # fmt: on

@@ -19,7 +19,7 @@ from ..robot.names import chosen, loads_with, parameters, parsed, robot_with, sh
 from ..robot.robot import Robot
 from .homes import Homes
 
-_OFF_ROBOT = ("rotations", "translations", "sensors")  # what acts on actuations, or on what sensors show
+_OFF_ROBOT = ("rotations", "translations", "loads", "sensors")  # what acts on experiments, or on what sensors show
 
 
 def _pair(value: Any, field: str) -> tuple[Any, Any] | None:
@@ -54,7 +54,8 @@ class Parameter:
         ``"base.translation"``); ``"tubes[0].rotation_offset"`` (rad) and ``"tubes[0].translation_offset"`` (m), added
         to every experiment's actuation; ``"sensors.coil.translation"`` ``(3,)``, m, and ``"sensors.coil.rotation"``
         ``(3,)``, rad, the pose of the sensor ``"coil"`` of measurements in the frame of the tube that carries it, its
-        angles about the axes x, y, z, each turned by those before it; or an experiment's own,
+        angles about the axes x, y, z, each turned by those before it; of a load that all experiments have,
+        ``"loads[0].stiffness"``; or an experiment's own,
         ``"experiments[3].loads[0].force"``, ``"experiments[3].rotations"``. With ``tied``, a name of your own for a
         common factor.
     prior
@@ -113,6 +114,11 @@ class Unknown:
     def of_robot(self) -> bool:
         """Whether it belongs to the robot, not to an experiment, its actuation or a sensor."""
         return self.experiment is None and self.holder not in _OFF_ROBOT
+
+    @property
+    def shared(self) -> bool:
+        """Whether it is a load's, in all experiments alike."""
+        return self.experiment is None and self.holder == "loads"
 
     @property
     def holder(self) -> str | int:
@@ -234,7 +240,8 @@ class Unknowns:
     def _raw(self, x: Array, experiment: int | None) -> dict[str, Any]:
         values: dict[str, Any] = {}
         for entry in self.entries:
-            if entry.experiment != experiment or (experiment is None and not entry.of_robot):
+            shared = experiment is not None and entry.shared
+            if not shared and (entry.experiment != experiment or (experiment is None and not entry.of_robot)):
                 continue
             part = x[self.parts[entry.name]]
             if entry.factors is not None:
@@ -246,11 +253,13 @@ class Unknowns:
     def acting(self, experiment: int) -> list[tuple[str, int, Array]]:
         """What moves the numbers of an experiment: their name, first of them and ``d numbers / dx``, one row each.
 
-        The name is that of a robot's parameter, ``"rotations"``, ``"translations"`` or a load's.
+        ``experiment = -1``: of one that was not seen, and has other loads. The name is that of a robot's parameter,
+        ``"rotations"``, ``"translations"`` or a load's.
         """
         found: list[tuple[str, int, Array]] = []
         for entry in self.entries:
-            if entry.experiment not in (None, experiment) or entry.holder == "sensors":
+            elsewhere = entry.experiment not in (None, experiment) or (entry.shared and experiment < 0)
+            if elsewhere or entry.holder == "sensors":
                 continue
             part = self.parts[entry.name]
             for j, name in enumerate(entry.acts_on):
@@ -289,6 +298,8 @@ class Unknowns:
                 return self._offset(given, i, field)
             case ("sensors", str(), "translation" | "rotation"):
                 return self._unknown(given, RobotParameter(given.name, np.zeros(3)), (given.name,))
+            case ("loads", int(), str()):
+                return self._of_loads(given)
             case ("experiments", int(k), "rotations" | "translations" | "loads", *_):
                 return self._of_experiment(given, k)
         (parameter,) = chosen(self._known, [given.name], "parameters")
@@ -311,6 +322,16 @@ class Unknowns:
         most = 0.0 if parameter.name == "translations" else np.inf
         named = attrs.evolve(parameter, name=given.name)
         return self._unknown(given, named, (parameter.name,), experiment=k, most=most)
+
+    def _of_loads(self, given: Parameter) -> Unknown:
+        """A load's number that is the same in all experiments."""
+        there = []
+        for k, experiment in enumerate(self.experiments):
+            of_loads = {n: one for n, one in parameters(self.robot, *experiment).items() if parsed(n)[0] == "loads"}
+            there += chosen(of_loads, [given.name], f"experiments[{k}]")
+        if len({one.value.shape for one in there}) > 1:
+            raise DefinitionError(f"{given.name!r}: loads of one name must be of one kind in all experiments")
+        return self._unknown(given, there[0], (given.name,))
 
     def _tied(self, given: Parameter) -> Unknown:
         tied = chosen(self._known, given.tied, f"{given.name}: tied")
@@ -381,10 +402,12 @@ class Unknowns:
         seen: dict[tuple[int | None, str], str] = {}
         for entry in self.entries:
             for name in entry.acts_on:
-                key = (entry.experiment, name)
-                if key in seen:
-                    raise DefinitionError(f"parameters: both {seen[key]!r} and {entry.name!r} stand for {name!r}")
-                seen[key] = entry.name
+                of_load = parsed(name)[0] == "loads"
+                for (experiment, other), before in seen.items():
+                    same = experiment == entry.experiment or (of_load and None in (experiment, entry.experiment))
+                    if other == name and same:
+                        raise DefinitionError(f"parameters: both {before!r} and {entry.name!r} stand for {name!r}")
+                seen[entry.experiment, name] = entry.name
         robot_names = [name for k, name in seen if k is None and parsed(name)[0] not in _OFF_ROBOT]
         chosen(self._known, robot_names, "parameters")  # refuses a stiffness beside the modulus that it follows from
 

@@ -20,6 +20,7 @@ from ..loads.gravity import Gravity
 from ..loads.kind import Load
 from ..loads.masses import DistributedMass, PointMass
 from ..loads.point import PointWrench
+from ..loads.spring import Spring
 from ..robot.actuation import Actuation
 from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature, Straight
 from ..robot.robot import ON_OVERLAP, Robot, report_overlaps
@@ -199,7 +200,8 @@ def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str
     problem = load_problem(file, on_overlap=on_overlap)
     loads = f"{len(problem.loads)} load{'' if len(problem.loads) == 1 else 's'}"
     length = ForwardProblem(problem.robot).check(problem.actuation, problem.loads).length
-    return f"{robot_report(problem.robot)}\n{problem.title}: length {1e3 * length:.3f} mm, {loads}"
+    lines = [robot_report(problem.robot), f"{problem.title}: length {1e3 * length:.3f} mm, {loads}"]
+    return "\n".join([*lines, *(f"  {load}" for load in problem.loads)])
 
 
 def find_problems(folder: str | os.PathLike[str]) -> list[Path]:
@@ -282,6 +284,7 @@ def read_load(file: Path, robot: Robot, k: int, table: Any) -> Load:
         "gravity": Gravity,
         "point_mass": PointMass,
         "distributed_mass": DistributedMass,
+        "spring": Spring,
     }
     return _at(file, place, lambda: kinds[kind](**values))
 

@@ -199,6 +199,16 @@ class DistributedMassSchema(Strict):
     tube = fields.Raw()
 
 
+class SpringSchema(Strict):
+    """``kind = "spring"``."""
+
+    kind = plain_text()
+    stiffness = Quantity("N/m", required=True)
+    anchor = Quantity("m", 3, required=True)
+    arc_length = Quantity("m")
+    tube = fields.Raw()
+
+
 class SolverSchema(Strict):
     """``[solver]``: arguments of ``ForwardProblem``."""
 
@@ -329,6 +339,7 @@ LOAD_SCHEMAS = {
     "gravity": GravitySchema,
     "point_mass": PointMassSchema,
     "distributed_mass": DistributedMassSchema,
+    "spring": SpringSchema,
 }
 
 

@@ -28,11 +28,12 @@ _MM = 1e3
 _TUBE_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#7F6A3F")  # told apart by the colour-blind
 _FRAME_COLORS = ("#D62728", "#2CA02C", "#1F4FD6")
 _FORCE_COLOR, _MOMENT_COLOR = "#B2182B", "#6A3D9A"
-_UNLOADED_COLOR = "0.7"
+_UNLOADED_COLOR, _SPRING_COLOR = "0.7", "0.35"
 _COMPONENTS = ((None, "black", r"$\|u\|$"), (0, "#8C564B", "$u_x$"), (1, "#7F7F7F", "$u_y$"))
 _ELEVATION = 20.0  # of the camera, degrees
 _CLOSE = 1e-9  # of the robot's length: closer points are one in a picture
 _NOTHING = 1e-4  # of a panel's natural unit: it spans at least so much, or would show rounding errors of zero
+_SPRING, _CORNERS = 0.01, 12  # half a spring's width, in robot lengths, and its corners
 _AROUND = 24  # facets around a tube
 _NARROWEST = 0.35  # a flat robot still gets a box so wide, of the longest side, or its ticks would overlap
 _ABOVE: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 5, "frameon": False}
@@ -221,6 +222,19 @@ def _draw_loads(axes: Any, equilibrium: Equilibrium) -> None:
         _draw_arrows(axes, equilibrium, at, values, 0.22, color, [f"{size:.3g} {unit}" for size in sizes])
         for span in equilibrium.configuration.spans:
             _draw_row(axes, equilibrium, span, k, color)
+    for placed in equilibrium.configuration.points:
+        if placed.push.anchor is not None:
+            _draw_spring(axes, equilibrium, equilibrium.position(placed.start), placed.push.anchor)
+
+
+def _draw_spring(axes: Any, equilibrium: Equilibrium, start: Array, anchor: Array) -> None:
+    """A zigzag line from a point of the backbone to a fixed one."""
+    across = np.linalg.svd((anchor - start)[None])[2][1]  # a unit vector at a right angle
+    side = np.resize([_SPRING, -_SPRING], _CORNERS) * equilibrium.length
+    zigzag = start + np.outer(np.linspace(0.1, 0.9, _CORNERS), anchor - start) + np.outer(side, across)
+    style: dict[str, Any] = {"color": _SPRING_COLOR, "lw": 1.0, "zorder": 3}
+    axes.plot(*_MM * np.vstack((start, zigzag, anchor)).T, **style)
+    axes.plot(*_MM * anchor[:, None], "s", ms=5.0, **style)
 
 
 def _point_wrenches(equilibrium: Equilibrium) -> list[tuple[float, tuple[Array, Array]]]:
@@ -237,7 +251,7 @@ def _wrench(equilibrium: Equilibrium, push: Push, s: float) -> tuple[Array, Arra
     frame = pose[:3, :3]
     if push.field is None:
         return frame @ force, frame @ moment
-    force, moment = (part.full()[:, 0] for part in push.field.wrench(s, pose[:3, 3], frame))
+    force, moment = (part.full()[:, 0] for part in push.field.wrench(s, pose[:3, 3], frame, push.numbers))
     return push.factor * force, push.factor * moment
 
 

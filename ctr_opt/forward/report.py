@@ -41,6 +41,7 @@ def _heading(equilibrium: Equilibrium) -> list[str]:
     return [
         f"Equilibrium of {_count(tubes, 'tube')} under {_count(loads, 'load')}",
         _row("status", equilibrium.status.description),
+        *(_row(f"loads[{k}]", str(load)) for k, load in enumerate(equilibrium.loads)),
         _row("path", equilibrium.path),
         _row("iterations", str(equilibrium.iterations)),
         _row("time", f"set-up {1e3 * equilibrium.setup_time:.1f} ms, solve {1e3 * equilibrium.solve_time:.1f} ms"),

@@ -89,7 +89,7 @@ class StepColumns:
             return columns
         idle = np.zeros((self.size, extra))
         for name, part in self.parts.items():
-            if name in Stiffness.names() or name.endswith(("unit", "place")):
+            if name in Stiffness.names() or name.endswith(("unit", "place", "numbers")):
                 idle[part] = columns[part, -1:]
         return np.hstack((columns, idle))
 
@@ -116,7 +116,7 @@ class StepColumns:
     def node(self, column: Any, node: int) -> Any:
         """The data at a node as a column of the same step with that node alone."""
         parts, width = self.parts, {name: size // self.nodes for name, size in self._inner.sizes.items()}
-        width |= {"precurvature": 3 * self.tubes, "unit": 0}
+        width |= {"precurvature": 3 * self.tubes, "unit": 0, "numbers": 0}
 
         def own(name: str, part: slice) -> Any:
             size = width.get(name, 0)

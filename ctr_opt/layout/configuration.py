@@ -39,7 +39,7 @@ class LoadValues:
     """Loads at points ``(..)``: world-fixed, in the tubes' frames, and by what expressions are multiplied.
 
     Total ``force (.., 3)``, the tubes' ``moment (.., tubes, 3)``; ``body_force, body_moment (.., tubes, 3)`` in the
-    tubes' material frames; ``field (.., fields)``.
+    tubes' material frames; ``field (.., fields)``, and the ``numbers`` of all their parameters, one behind the other.
     """
 
     force: Array
@@ -47,12 +47,7 @@ class LoadValues:
     body_force: Array
     body_moment: Array
     field: Array
-
-    @classmethod
-    def none(cls, points: tuple[int, ...], tubes: int, fields: int) -> LoadValues:
-        """No load, to be added to."""
-        own = [np.zeros((*points, tubes, 3)) for _ in range(3)]
-        return cls(np.zeros((*points, 3)), own[0], own[1], own[2], np.zeros((*points, fields)))
+    numbers: Array
 
     def add(self, where: Any, push: Push, fields: Sequence[Field], force: Array, moment: Array) -> None:
         """Add what ``push`` applies at the points ``where``; ``fields`` are the expressions that are wanted."""
@@ -196,7 +191,7 @@ class Configuration:
         pose = self.robot.base_pose
 
         def along(s: float, part: int) -> Array:
-            wrench = field.wrench(s, pose[:3, 3] + s * pose[:3, 2], pose[:3, :3])
+            wrench = field.wrench(s, pose[:3, 3] + s * pose[:3, 2], pose[:3, :3], ())
             return np.asarray(wrench[part].full()[:, 0])
 
         try:
@@ -290,7 +285,7 @@ class Configuration:
             sigma = s - self.translations[i]
             piece = np.broadcast_to(tube.shape.piece(middle - self.translations[i])[:, None], s.shape)
             precurvature[:, :, i] = tube.shape(sigma, piece) * present[:, i, None, None]
-        loads = LoadValues.none((count, size), self.tube_count, len(fields))
+        loads = self._no_loads((count, size), fields)
         for span in self.spans:
             here = (middle > span.start) & (middle < span.end)
             if here.any():
@@ -323,9 +318,17 @@ class Configuration:
         parts = [load.conservative_part() for load in self.loads]
         return Configuration(self.robot, self.actuation, [part for part in parts if part is not None])
 
+    def _no_loads(self, points: tuple[int, ...], fields: Sequence[Field]) -> LoadValues:
+        """Nothing at points, to be added to."""
+        force, moment, *body = (np.zeros((*points, *own, 3)) for own in ((), *[(self.tube_count,)] * 3))
+        given = {placed.push.field: placed.push.numbers for placed in (*self.points, *self.spans)}
+        numbers = [given.get(field, np.zeros(field.parameters)) for field in fields]
+        factors = np.zeros((*points, len(fields)))
+        return LoadValues(force, moment, body[0], body[1], factors, np.concatenate([np.zeros(0), *numbers]))
+
     def jumps(self, points: Array, fields: Sequence[Field] = ()) -> LoadValues:
         """The point loads that act at ``points (k,)``, nodes of a mesh."""
-        loads = LoadValues.none((len(points),), self.tube_count, len(fields))
+        loads = self._no_loads((len(points),), fields)
         for placed in self.points:
             loads.add((points == placed.start,), placed.push, fields, placed.push.force, placed.push.moment)
         return loads

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import attrs
@@ -9,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..checks import Array
+from ..loads.field import Field, parted
 from ..mechanics.fields import in_world, material_frame
 from ..mechanics.kind import Kind
 from ..mechanics.state import State
@@ -20,7 +22,8 @@ class LoadColumns:
     """Order of the data of loads at ``nodes`` places, for functions that provide for ``kind``.
 
     Dead: ``force (3,)``, ``moment (3, tubes)``. Body: the same for every tube, in its frame. Fields: ``place`` (s, m),
-    the ``unit`` of length (m), and factors ``field`` that make forces and energies dimensionless.
+    the ``unit`` of length (m), their parameters' ``numbers`` (SI), and factors ``field`` that make forces and energies
+    dimensionless.
     """
 
     tubes: int
@@ -36,7 +39,8 @@ class LoadColumns:
         if self.kind.body:
             sizes |= {"body_force": 3 * n * c, "body_moment": 3 * n * c}
         if self.kind.fields:
-            sizes |= {"place": c, "unit": 1, "field": len(self.kind.fields) * c}
+            numbers = sum(field.parameters for field in self.kind.fields)
+            sizes |= {"place": c, "unit": 1, "numbers": numbers, "field": len(self.kind.fields) * c}
         return {self.prefix + name: size for name, size in sizes.items()}
 
     def pack(self, loads: LoadValues, places: Array, scales: Scales, length: float) -> dict[str, Array]:
@@ -47,6 +51,7 @@ class LoadColumns:
             parts |= {"body_force": loads.body_force, "body_moment": loads.body_moment}
         if self.kind.fields:
             parts |= {"place": places, "unit": np.full((count, 1), scales.length), "field": loads.field}
+            parts["numbers"] = np.tile(loads.numbers, (count, 1))
         named = {self.prefix + name: part for name, part in parts.items()}
         return {name: part.reshape(count, -1) * factors[name] for name, part in named.items()}
 
@@ -54,7 +59,8 @@ class LoadColumns:
         """By what the parts are multiplied to be dimensionless."""
         force, moment = length / scales.force, length / scales.moment
         of = {"force": force, "moment": moment, "body_force": force, "body_moment": moment, "field": force}
-        return {self.prefix + name: factor for name, factor in (of | {"place": 1.0, "unit": 1.0}).items()}
+        of |= {"place": 1.0, "unit": 1.0, "numbers": 1.0}
+        return {self.prefix + name: factor for name, factor in of.items()}
 
     def _part(self, column: Any, parts: dict[str, slice], name: str, width: int, node: int) -> Any:
         start = parts[self.prefix + name].start + width * node
@@ -73,10 +79,10 @@ class LoadColumns:
             ]
             force += ca.sum2(in_world(state.orientation, state.angles, own[0]))
             moment += in_world(state.orientation, state.angles, own[1])
-        for field, factor, unit in self._fields(column, parts, node):
+        for field, factor, unit, numbers in self._fields(column, parts, node):
             s = self._part(column, parts, "place", 1, node)
             frame = material_frame(state.orientation, state.angles[field.tube])
-            pushes, twists = field.wrench(s, state.position * unit, frame)
+            pushes, twists = field.wrench(s, state.position * unit, frame, numbers)
             force += _active(factor, factor * pushes)
             turning = _active(factor, factor / unit * twists)
             own_moment = [turning if i == field.tube else ca.DM.zeros(3) for i in range(n)]
@@ -86,17 +92,19 @@ class LoadColumns:
     def energy(self, column: Any, parts: dict[str, slice], node: int, position: Any) -> Any:
         """The potential of the forces: dead and by potential."""
         total = -ca.dot(self._part(column, parts, "force", 3, node), position)
-        for field, factor, unit in self._fields(column, parts, node):
+        for field, factor, unit, numbers in self._fields(column, parts, node):
             if field.conservative:
-                total += _active(factor, factor / unit * field.energy(position * unit))
+                total += _active(factor, factor / unit * field.energy(position * unit, numbers))
         return total
 
-    def _fields(self, column: Any, parts: dict[str, slice], node: int) -> list[tuple[Any, Any, Any]]:
-        count = len(self.kind.fields)
-        if not count:
-            return []
-        unit, factors = column[parts[self.prefix + "unit"]], self._part(column, parts, "field", count, node)
-        return [(field, factors[k], unit) for k, field in enumerate(self.kind.fields)]
+    def _fields(self, column: Any, parts: dict[str, slice], node: int) -> Iterator[tuple[Field, Any, Any, Any]]:
+        """The expressions, their factors, the unit of length, and their parameters' numbers."""
+        fields = self.kind.fields
+        if fields:
+            unit, numbers = (column[parts[self.prefix + name]] for name in ("unit", "numbers"))
+            factors = self._part(column, parts, "field", len(fields), node)
+            for k, (field, given) in enumerate(zip(fields, parted(fields, numbers), strict=True)):
+                yield field, factors[k], unit, given
 
     def factors(self, parts: dict[str, slice], conservative: float, rest: float) -> dict[str, Any]:
         """By what each part is multiplied when loads with and without a potential are."""

@@ -39,6 +39,8 @@ class ParametricColumns:
         self.kind = kind
         self.samples: list[Sample] = []
         self._scales = parametric.configuration.scales
+        numbers = {placed.push.field: placed.push.numbers for placed in parametric.loads.placed}
+        self._numbers = ca.vertcat(ca.SX(0, 1), *(numbers[field] for field in kind.fields if field.parameters))
         self._pieces: dict[tuple[int, int], tuple[Any, list[Any]]] = {}
 
     def place(self, section: int, fraction: float) -> Any:
@@ -139,6 +141,7 @@ class ParametricColumns:
             "body_moment": ca.vec(ca.vertcat(*total.body_moment)),
             "place": places.T,
             "unit": self._scales.length,
+            "numbers": self._numbers,
             "field": ca.repmat(ca.vertcat(*total.factors), places.shape[1], 1),
         }
         return {prefix + name: part for name, part in data.items()}

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..loads.density import LoadTable
-from ..loads.kind import Load, Push
+from ..loads.kind import Load, Push, pushes_of
 from ..robot import tube as formulas
 from .ordering import AHEAD, ENTRY, PASSED, Key
 
@@ -46,11 +46,8 @@ class ParametricLoads:
         loads = of.configuration.loads
         pulling = [self._number(k, load, load.pulls) for k, load in enumerate(loads) if load.pulls]
         gravity, masses = sum(pulling, ca.DM.zeros(3)), self._masses() if pulling else []
-        self.placed = [
-            self._placed(k, load, push)
-            for k, load in enumerate(loads)
-            for push in load.lowered(partial(self._number, k, load), gravity, masses)
-        ]
+        numbers = [partial(self._number, k, load) for k, load in enumerate(loads)]
+        self.placed = [self._placed(k, loads[k], push) for k, push in pushes_of(loads, numbers, gravity, masses)]
 
     def _number(self, k: int, load: Load, field: str) -> Any:
         """A load's number: a scalar, a column, a table of columns, or a function."""

@@ -10,5 +10,6 @@ from .masses import DistributedMass as DistributedMass
 from .masses import PointMass as PointMass
 from .point import PointWrench as PointWrench
 from .potential import PotentialLoad as PotentialLoad
+from .spring import Spring as Spring
 
-LOADS = (PointWrench, DistributedLoad, Gravity, PointMass, DistributedMass, PotentialLoad, ExpressionLoad)
+LOADS = (PointWrench, DistributedLoad, Gravity, PointMass, DistributedMass, Spring, PotentialLoad, ExpressionLoad)

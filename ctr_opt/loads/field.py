@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -11,12 +12,18 @@ import casadi as ca
 
 @attrs.frozen
 class Field:
-    """A load given as an expression, on one tube; two of the same content are the same."""
+    """A load given as an expression, on one tube; two of the same content are the same, unless their ``slot`` differs.
+
+    The expression may depend on ``parameters`` numbers, which are data: fields that differ in them alone share their
+    equations. Each has a slot of its own, as they do not add up.
+    """
 
     content: str
     tube: int
     function: ca.Function = attrs.field(eq=False, repr=False)
     downhill: ca.Function | None = attrs.field(default=None, eq=False, repr=False)
+    parameters: int = attrs.field(default=0, eq=False)
+    slot: int = 0
 
     @property
     def conservative(self) -> bool:
@@ -30,16 +37,25 @@ class Field:
             return False
         return any(self.function.jac_sparsity(i, 0).nnz() > 0 for i in range(2))
 
-    def energy(self, position: Any) -> Any:
-        """``V(p)``; SI."""
-        return self.function(position)
+    def energy(self, position: Any, numbers: Any) -> Any:
+        """``V(p)`` with its parameters' ``numbers``; SI."""
+        return self.function(position, numbers) if self.parameters else self.function(position)
 
-    def wrench(self, s: Any, position: Any, frame: Any) -> tuple[Any, Any]:
+    def wrench(self, s: Any, position: Any, frame: Any, numbers: Any) -> tuple[Any, Any]:
         """Force and moment, world frame, at a place where the tube's material frame is ``frame``; SI."""
         if self.downhill is not None:
-            return self.downhill(position), ca.DM.zeros(3)
+            force = self.downhill(position, numbers) if self.parameters else self.downhill(position)
+            return force, ca.DM.zeros(3)
         force, moment = self.function(s, position, frame)
         return force, moment
+
+
+def parted(fields: Sequence[Field], numbers: Any) -> Iterator[Any]:
+    """The numbers of each field's parameters, out of those of all, one behind the other."""
+    start = 0
+    for field in fields:
+        yield numbers[start : start + field.parameters]
+        start += field.parameters
 
 
 @lru_cache(maxsize=64)
@@ -50,7 +66,7 @@ def free(function: ca.Function, tube: int) -> Field:
 
 @lru_cache(maxsize=64)
 def potential(function: ca.Function, tube: int) -> Field:
-    """Of a potential ``V(p)``."""
-    p = ca.SX.sym("p", 3)
-    downhill = ca.Function("downhill", [p], [ca.densify(-ca.gradient(function(p), p))])
-    return Field(function.serialize(), tube, function, downhill)
+    """Of a potential ``V(p)``, or ``V(p, numbers)``."""
+    symbols = [ca.SX.sym(name, *function.size_in(name)) for name in function.name_in()]
+    downhill = ca.Function("downhill", symbols, [ca.densify(-ca.gradient(function(*symbols), symbols[0]))])
+    return Field(function.serialize(), tube, function, downhill, sum(int(other.shape[0]) for other in symbols[1:]))

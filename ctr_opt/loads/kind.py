@@ -6,6 +6,7 @@ by name, multiplies it, and keeps it on its tube.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple, Self, cast
@@ -31,7 +32,8 @@ class Push(NamedTuple):
 
     ``places`` names the load's arguments that say where: one for a point, two for a span. ``force`` and ``moment`` are
     vectors, N and N m, and densities along a span; world-fixed, or in the tube's material frame (``body``). Instead of
-    them, an expression ``field`` multiplied by ``factor``.
+    them, an expression ``field`` with its parameters' ``numbers``, multiplied by ``factor``. Figures show it tied to
+    the ``anchor (3,)`` in the world, m.
     """
 
     tube: int
@@ -41,6 +43,8 @@ class Push(NamedTuple):
     body: bool = False
     field: Field | None = None
     factor: Any = 0.0
+    numbers: Any = ()
+    anchor: Array | None = None
 
     @property
     def constant(self) -> bool:
@@ -131,14 +135,24 @@ class Load:
 
     def __str__(self) -> str:
         """The load in a line."""
-        told = []
-        for number in self.numbers("", pulled=True):
-            if not number.idle and number.value.ndim < 2 and number.value.any():
-                factor, unit = shown(number.unit)
-                values = ", ".join(f"{factor * x:.6g}" for x in np.atleast_1d(number.value))
-                told.append(f"{number.name} {f'({values})' if number.size > 1 else values} {unit}".rstrip())
-        carrier = f" on tube {self.tube}" if hasattr(self, "tube") else ""
-        return f"{type(self).__name__}{carrier}: {', '.join(told) or 'nothing'}"
+        told = [text for number in self.numbers("", pulled=True) if (text := _told(number))]
+        carrier = ""
+        if hasattr(self, "tube"):
+            at_end = self.places == ("arc_length",) and self.where("arc_length") is None
+            carrier = f" {'at the end of' if at_end else 'on'} tube {self.tube}"
+        turning = ", in its frame" if getattr(self, "frame", "world") == "body" else ""
+        return f"{type(self).__name__}{carrier}{turning}: {', '.join(told) or 'nothing'}"
+
+
+def _told(number: Parameter) -> str:
+    """A number with its name and unit; nothing for what does not act or is zero."""
+    if number.idle == _CALLED or number.value.ndim > 1:
+        return f"{number.name} {'as a function' if number.idle else 'as a table'}"
+    if number.idle or not number.value.any():
+        return ""
+    factor, unit = shown(number.unit)
+    values = ", ".join(f"{factor * x:.6g}" for x in np.atleast_1d(number.value))
+    return f"{number.name} {f'({values})' if number.value.ndim else values} {unit}".rstrip()
 
 
 @cache
@@ -156,7 +170,18 @@ def weights(robot: Robot, loads: Sequence[Load]) -> tuple[Array, list[float | No
 
 def lowered(robot: Robot, loads: Sequence[Load]) -> Iterator[tuple[int, Push]]:
     """What the loads come to in numbers, each with the load's index."""
-    gravity, masses = weights(robot, loads)
+    return pushes_of(loads, [partial(getattr, load) for load in loads], *weights(robot, loads))
+
+
+def pushes_of(
+    loads: Sequence[Load], numbers: Sequence[Number], gravity: Any, masses: Sequence[Any]
+) -> Iterator[tuple[int, Push]]:
+    """What the loads come to with these ``numbers``, each with the load's index; see :meth:`Load.lowered`."""
+    slots: Counter[Field] = Counter()
     for k, load in enumerate(loads):
-        for push in load.lowered(partial(getattr, load), gravity, masses):
-            yield k, push
+        for push in load.lowered(numbers[k], gravity, masses):
+            if push.field is None or not push.field.parameters:
+                yield k, push
+            else:
+                yield k, push._replace(field=attrs.evolve(push.field, slot=slots[push.field]))
+                slots[push.field] += 1

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..checks import Array
 from ..errors import DefinitionError
 from ..layout.columns import StepColumns
-from ..layout.configuration import Configuration
-from ..loads.field import Field
+from ..layout.configuration import Configuration, LoadValues
+from ..loads.field import Field, parted
 from ..mechanics.state import State, state_scales
 from .shooting import Nodes, ShootingFunctions, shooting_functions
 from .stability import SecondVariation, second_variation, smallest_eigenvalue
@@ -119,7 +119,7 @@ class Shape:
         loads = self.configuration.nodes(self.mesh, 0.5 * (points + 1.0), fields=fields).loads
         positions = values.state.position
         work = np.einsum("ij,ji->i", loads.force.reshape(-1, 3), positions)
-        work -= _potentials(fields, loads.field.reshape(positions.shape[1], len(fields)), positions)
+        work -= _potentials(fields, loads, positions)
         return float(measure @ values.energy), float(measure @ work)
 
     @property
@@ -136,15 +136,16 @@ class Shape:
             return self._integrals[1]
         points, fields = np.unique(points), configuration.kind.fields
         loads, positions = configuration.jumps(points, fields), self.at(points).state.position
-        work = np.einsum("ij,ji->i", loads.force, positions) - _potentials(fields, loads.field, positions)
+        work = np.einsum("ij,ji->i", loads.force, positions) - _potentials(fields, loads, positions)
         return self._integrals[1] + float(work.sum())
 
 
-def _potentials(fields: tuple[Field, ...], factors: Array, positions: Array) -> Array:
+def _potentials(fields: tuple[Field, ...], loads: LoadValues, positions: Array) -> Array:
     """``sum of factor V(p)`` over the expressions that are potentials, at ``positions (3, k)``."""
     total = np.zeros(positions.shape[1])
-    for field, factor in zip(fields, factors.T, strict=True):
+    factors = loads.field.reshape(positions.shape[1], len(fields))
+    for field, factor, numbers in zip(fields, factors.T, parted(fields, loads.numbers), strict=True):
         if field.conservative:
             active = np.flatnonzero(factor)
-            total[active] += factor[active] * [float(field.energy(positions[:, k])) for k in active]
+            total[active] += factor[active] * [float(field.energy(positions[:, k], numbers)) for k in active]
     return total

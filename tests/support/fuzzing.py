@@ -87,6 +87,10 @@ mass = "2 g"
 kind = "distributed_mass"
 mass_per_length = 0.1
 end = 0.05
+[[loads]]
+kind = "spring"
+stiffness = "5 N/m"
+anchor = [0, "20 mm", 0.1]
 [solver]
 formulation = "automatic"
 tolerance = 1e-6
