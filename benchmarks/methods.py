@@ -134,7 +134,7 @@ def native(problem, start, repeats, derivative=False):
     compiled = problem.solver.compiled_for(start.loads)
     rows, inputs = compiled._inputs(start.actuation, start.loads)
     found = np.zeros(compiled.native.sizes.states)
-    case = (compiled._address, rows.address, inputs, start.start, repeats, derivative, found.ctypes.data)
+    case = (compiled._address, rows.address, inputs, start.record.start, repeats, derivative, found.ctypes.data)
 
     def call(_keep=(rows, start, found)):
         compiled.native.integrate(*case)

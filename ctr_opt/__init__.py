@@ -43,8 +43,9 @@ from .force.stream import ForceEstimator
 from .force.streamed import StreamedForce
 from .force.unknown import PointForce, TipForce, TipWrench
 from .forward.batch.result import Batch
-from .forward.equilibrium import BaseMoments, Equilibrium
+from .forward.equilibrium import Equilibrium
 from .forward.problem import ForwardProblem
+from .forward.record import BaseMoments
 from .kinematics.limits import JointLimits
 from .kinematics.problem import InverseKinematicsProblem
 from .kinematics.result import InverseKinematicsPath, InverseKinematicsResult, InverseKinematicsStatus

@@ -7,11 +7,11 @@ import threading
 from functools import cached_property
 from math import cos, sin
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..checks import Array, index
+from ..checks import Array
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
 from ..loads.kind import Load
@@ -25,7 +25,7 @@ from ..transcription.shape import Shape
 from ..transcription.shooting import Nodes, Shooting
 from ..transcription.stability import SecondVariation
 from .attempt import Attempt
-from .equilibrium import BaseMoments, Equilibrium, Outcome
+from .record import BaseMoments, Outcome, SolvedRecord
 from .settings import Settings
 
 _STEPS = 24  # room for so many steps in a result, until one needs more
@@ -41,13 +41,14 @@ class CompiledProblem:
         self._address = self._robot.address
         self._tubes = len(robot.tubes)
         self.sizes = native.sizes
-        self._size = native.sizes.at("size", _STEPS)
+        self.offset = 8 * native.sizes.at("start", 0)
+        self._make_room(native.sizes.at("size", _STEPS))
         self._automatic = settings.formulation == "automatic"
         self._tolerances = Goal(settings.tolerance, settings.compiled_residual)
         self._goal = ctypes.addressof(self._tolerances)
         self._mine = threading.local()
 
-    def solve(self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium | None) -> Equilibrium | None:
+    def solve(self, actuation: Actuation, loads: tuple[Load, ...], initial: Record | None) -> CompiledRecord | None:
         """An equilibrium from another one, or from nothing."""
         begin = perf_counter()
         start = None if initial is None else self._start(initial)
@@ -55,37 +56,43 @@ class CompiledProblem:
         if rows is None or (start is None and initial is not None):
             return None
         while True:
-            numbers = (ctypes.c_double * self._size)()  # made and located much faster than an array
+            numbers = self._room()  # made and located much faster than an array
             address = ctypes.addressof(numbers)
             if start is None:
                 failed = self.native.cold(self._address, rows.address, inputs, self._goal, address, self._size)
             else:
                 failed = self.native.warm(self._address, rows.address, inputs, start, self._goal, address, self._size)
             if not failed:
-                found = CompiledEquilibrium(self, actuation, loads, numbers, address, perf_counter() - begin)
+                found = CompiledRecord(self, actuation, loads, numbers, address, perf_counter() - begin)
                 return None if start is None and self.left(found) else found
             if failed != Failure.TOO_SMALL:
                 return None
-            self._size = 2 * int(numbers[Head.NEEDED])
+            self._make_room(2 * int(numbers[Head.NEEDED]))
+
+    def _make_room(self, size: int) -> None:
+        self._size, self._room = size, ctypes.c_double * size
 
     def knows(self, loads: tuple[Load, ...]) -> bool:
         """Whether there is compiled code for all of the loads."""
         return self._rows(loads) is not None
 
-    def left(self, found: CompiledEquilibrium) -> bool:
+    def left(self, record: CompiledRecord) -> bool:
         """Whether an answer is not good enough for a cold start: it is unstable, and there are other ways to go."""
-        return bool(found.cold and self._automatic and found.unstable_directions)
+        if not (self._automatic and record.cold):
+            return False
+        counted = record.second_variation
+        return counted is not None and counted.negative > 0
 
-    def _start(self, initial: Equilibrium) -> int | None:
+    def _start(self, initial: Record) -> int | None:
         """Address of the numbers that a solve starts from; None where it cannot start from this equilibrium."""
-        if isinstance(initial, CompiledEquilibrium):
+        if isinstance(initial, CompiledRecord):
             return initial.start if initial.sizes.unknowns == self.sizes.unknowns else None
-        jacobian = initial.shooting_jacobian
+        jacobian = initial.outcome.jacobian
         if jacobian is None or len(jacobian) != self.sizes.unknowns:
             return None
         configuration = initial.configuration
         scales = configuration.scales
-        unknowns = initial.last_iterate.unknowns(scales, configuration.kind.live)
+        unknowns = initial.base.unknowns(scales, configuration.kind.live)
         block = np.concatenate((unknowns, jacobian.ravel(), np.zeros_like(unknowns), [scales.moment, scales.force]))
         self._mine.block = block  # kept until the solve is over
         return int(block.ctypes.data)
@@ -101,17 +108,17 @@ class CompiledProblem:
                 tables[id(each)] = table
         return CompiledBatch(self, np.ascontiguousarray(actuations), loads, tables)
 
-    def derive(self, of: CompiledEquilibrium, tube: int) -> tuple[Array, Array] | None:
+    def derive(self, of: CompiledRecord, tube: int) -> tuple[Array, Array] | None:
         """The tip's pose rates with actuation ``(6, 2n)`` and with a wrench at the tip of a tube ``(6, 6)``."""
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
         jacobian, compliance = np.empty((6, 2 * self._tubes)), np.empty((6, 6))
-        refinements = int(of._numbers[Head.REFINEMENTS])
+        refinements = int(of.numbers[Head.REFINEMENTS])
         outputs = (refinements, tube, jacobian.ctypes.data, compliance.ctypes.data)
         failed = self.native.derive(self._address, rows.address, inputs, of.start, *outputs)
         return None if failed else (jacobian, compliance)
 
-    def inspect(self, of: CompiledEquilibrium) -> tuple[Array, float] | None:
+    def inspect(self, of: CompiledRecord) -> tuple[Array, float] | None:
         """The exact Jacobian of the tip conditions, and the estimated error over the length."""
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
@@ -120,7 +127,7 @@ class CompiledProblem:
         failed = self.native.inspect(self._address, rows.address, inputs, of.address, out.ctypes.data)
         return None if failed else (out[:-1].reshape(k, k), float(out[-1]))
 
-    def stability(self, of: CompiledEquilibrium) -> SecondVariation | None:
+    def stability(self, of: CompiledRecord) -> SecondVariation | None:
         """The second variation of the potential energy; None where the slower way must be taken."""
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
@@ -160,7 +167,7 @@ class CompiledBatch:
         self._addresses = np.array([tables[id(each)].address for each in loads], dtype=np.uintp)
         self._numbers, self._failed = np.empty((count, size)), np.empty(count, dtype=np.intc)
 
-    def solve(self, first: int, before: Equilibrium | None, chained: bool) -> list[Equilibrium | None]:
+    def solve(self, first: int, before: Record | None, chained: bool) -> list[CompiledRecord | None]:
         """The equilibria of the rows from ``first`` on, up to one that must take the slower way: None.
 
         Rows that are not ``chained`` are all there, with None for each that must take the slower way. So must a chain's
@@ -177,16 +184,21 @@ class CompiledBatch:
         done = problem.native.many(*case, start, chained, goal, address, size, failed.ctypes.data)
         seconds, tubes = (perf_counter() - begin) / max(done, 1), actuations.shape[1] // 2
         cold, lost = numbers[:done, Head.COLD].tolist(), failed[:done].tolist()
-        found: list[Equilibrium | None] = []
+        found: list[CompiledRecord | None] = []
         for k, row in enumerate(actuations[:done]):
             actuation, loads = (row[:tubes], row[tubes:]), self._loads[first + k]
-            each = CompiledEquilibrium(problem, actuation, loads, numbers[k], address + 8 * size * k, seconds)
+            each = CompiledRecord(problem, actuation, loads, numbers[k], address + 8 * size * k, seconds)
             found.append(None if lost[k] or (cold[k] and problem.left(each)) else each)
         return found
 
 
-class CompiledEquilibrium(Equilibrium):
-    """An equilibrium whose parts are made of the compiled solver's numbers when they are asked for."""
+class CompiledRecord:
+    """The record of a compiled solve: its parts are made of the result's numbers when they are asked for.
+
+    It has the members of a :class:`SolvedRecord`, and outlives the library, which is of one process.
+    """
+
+    status = SolveStatus.CONVERGED
 
     def __init__(
         self,
@@ -198,93 +210,81 @@ class CompiledEquilibrium(Equilibrium):
         solve_time: float,
     ) -> None:
         self._problem: CompiledProblem | None = problem
-        self._robot, self._actuation, self._loads = problem.robot, actuation, loads
+        self.robot, self._actuation, self.loads = problem.robot, actuation, loads
         self._held = numbers
         self._time = solve_time
         self.sizes = problem.sizes
-        self._last = None
-        self._rates: dict[int, tuple[Array, Array] | None] = {}
         self.address = address
+        self.start = address + problem.offset  # of the block that another solve may start from
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_problem": None, "_held": self._numbers}  # the library is of this process
+        return self.__dict__ | {"_problem": None, "_held": self.numbers}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self.address = self._numbers.ctypes.data
+        self.start += self.numbers.ctypes.data - self.address
+        self.address = self.numbers.ctypes.data
 
     @cached_property
-    def _numbers(self) -> Array:
-        return np.asarray(self._held)
+    def _rates(self) -> dict[int, tuple[Array, Array] | None]:
+        return {}
 
-    @property
-    def start(self) -> int:
-        """Address of the block that another solve may start from."""
-        return self.address + 8 * self.sizes.at("start", 0)
+    @cached_property
+    def numbers(self) -> Array:
+        """The result as the library left it."""
+        return np.asarray(self._held)
 
     @property
     def cold(self) -> bool:
         """Whether it was found from nothing."""
-        return bool(self._numbers[Head.COLD])
-
-    @property
-    def robot(self) -> Robot:
-        """The robot."""
-        return self._robot
+        return bool(self.numbers[Head.COLD])
 
     @property
     def actuation(self) -> Actuation:
-        """Its actuation."""
+        """The actuation."""
         if isinstance(self._actuation, tuple):
             self._actuation = Actuation(*self._actuation)
         return self._actuation
 
     @property
-    def loads(self) -> tuple[Load, ...]:
-        """The loads on it."""
-        return self._loads
-
-    @property
-    def status(self) -> SolveStatus:
-        """How the solve ended."""
-        return SolveStatus.CONVERGED
-
-    @property
     def length(self) -> float:
         """Arc length from the entry point to the tip, m."""
-        return float(self._numbers[Head.LENGTH])
+        return float(self.numbers[Head.LENGTH])
 
     @cached_property
-    def _configuration(self) -> Configuration:  # type: ignore[override]
+    def configuration(self) -> Configuration:
+        """Robot, actuation and loads as numbers along the arc length."""
         return Configuration(self.robot, self.actuation, self.loads)
 
     def _block(self, name: str, end: str) -> Array:
         """The part of the result that begins with a block and ends where another one begins."""
-        steps = int(self._numbers[Head.STEPS])
-        return self._numbers[self.sizes.at(name, steps) : self.sizes.at(end, steps)]
+        steps = int(self.numbers[Head.STEPS])
+        return self.numbers[self.sizes.at(name, steps) : self.sizes.at(end, steps)]
 
     def _start(self, name: str) -> Array:
         return self._block("start", "mesh")[self.sizes.start[name]]
 
     @property
     def unknowns(self) -> Array:
-        """Moments and force at the base: see :attr:`Differentiable.unknowns`."""
+        """Moments, N m, and force, N, at the base in the order of the equations."""
         z, (moment, force) = self._start("unknowns"), self._start("units")
         moments = 2 + len(self.robot.tubes)
         return np.concatenate((z[:moments] * moment, z[moments:] * force))
 
     @cached_property
-    def _base(self) -> BaseMoments:  # type: ignore[override]
-        return BaseMoments.of(self._start("unknowns"), self._configuration.scales, len(self.robot.tubes))
+    def base(self) -> BaseMoments:
+        """The same, by what they are."""
+        return BaseMoments.of(self._start("unknowns"), self.configuration.scales, len(self.robot.tubes))
 
     @cached_property
-    def _outcome(self) -> Outcome:  # type: ignore[override]
+    def outcome(self) -> Outcome:
+        """How the solve went."""
         jacobian, error = self._inspected
         return Outcome(
             SolveStatus.CONVERGED,
-            (Attempt("homotopy" if self.cold else "newton from initial", int(self._numbers[Head.ITERATIONS])),),
+            (Attempt("homotopy" if self.cold else "newton from initial", int(self.numbers[Head.ITERATIONS])),),
             solve_time=self._time,
-            residual_norm=float(self._numbers[Head.RESIDUAL]),
+            residual_norm=float(self.numbers[Head.RESIDUAL]),
             discretization_error=error * self.length,
             jacobian=jacobian,
         )
@@ -292,63 +292,59 @@ class CompiledEquilibrium(Equilibrium):
     @cached_property
     def _inspected(self) -> tuple[Array, float]:
         """What a solve leaves for later: the Jacobian and the estimated error, of which it only needs a bound."""
-        found = None if self._problem is None else self._problem.inspect(self)
-        if found is not None:
-            return found
-        configuration, shape = self._configuration, self._solved_shape
+        inspected = None if self._problem is None else self._problem.inspect(self)
+        if inspected is not None:
+            return inspected
+        configuration, shape = self.configuration, self.shape
         shooting = Shooting(configuration, shape.mesh)
-        z = self._base.unknowns(configuration.scales, configuration.kind.live)
+        z = self.base.unknowns(configuration.scales, configuration.kind.live)
         estimate, solution = estimate_error_of_nodes(shooting, z, shape.nodes)
         return solution.jacobian, estimate.error
 
     @cached_property
-    def _solved_shape(self) -> Shape:  # type: ignore[override]
+    def shape(self) -> Shape:
+        """The states at the nodes."""
         mesh, states = self._block("mesh", "right").reshape(-1, 2), self.sizes.states
         right, left = (self._block(*ends).reshape(-1, states).T for ends in (("right", "left"), ("left", "size")))
-        return Shape(self._configuration, mesh, Nodes(right[:, :-1], left, right[:, -1]))
+        return Shape(self.configuration, mesh, Nodes(right[:, :-1], left, right[:, -1]))
 
-    def jacobian(self, s: float | None = None, side: int = 1) -> Array:
-        """Derivative of the pose by actuation: see :meth:`Differentiable.jacobian`."""
-        found = self._tip_rates(self._innermost_at_tip) if s is None and side in (1, -1) else None
-        return super().jacobian(s, side) if found is None else found[0]
+    @cached_property
+    def second_variation(self) -> SecondVariation | None:
+        """Of the potential energy; None where there is none."""
+        if any(load.nonconservative for load in self.loads):
+            return None
+        counted = None if self._problem is None else self._problem.stability(self)
+        return counted or self.shape.second_variation
 
-    @property
-    def one_sided(self) -> bool:
-        """Whether derivatives have sides: see :attr:`Equilibrium.one_sided`."""
-        return self._problem is not None and self._tip_rates(self._innermost_at_tip) is None
+    def tip_rates(self, tube: int | None = None) -> tuple[Array, Array] | None:
+        """Derivatives of the tip's pose by actuation and by a wrench, where this tube (None: the innermost) ends there.
 
-    def compliance(self, s: float | None = None, load_at: float | None = None, tube: int = 0) -> Array:
-        """Derivative of the pose by a wrench: see :meth:`Differentiable.compliance`."""
-        found = self._tip_rates(index(tube, "tube", len(self.robot.tubes))) if s is load_at is None else None
-        return super().compliance(s, load_at, tube) if found is None else found[1]
-
-    def _tip_rates(self, tube: int) -> tuple[Array, Array] | None:
-        """Both at the tip, where this tube ends there; None where the slower way must be taken."""
+        None where the slower way must be taken.
+        """
+        tube = self._innermost_at_tip if tube is None else tube
         if tube not in self._rates:
             self._rates[tube] = None if self._problem is None else self._problem.derive(self, tube)
         return self._rates[tube]
 
-    @cached_property
-    def _second_variation(self) -> SecondVariation | None:
-        if any(load.nonconservative for load in self.loads):
-            return None
-        found = None if self._problem is None else self._problem.stability(self)
-        return found or self._solved_shape.second_variation
+    @property
+    def one_sided(self) -> bool:
+        """Whether it is known that derivatives at the tip have sides."""
+        return self._problem is not None and self.tip_rates() is None
 
     @cached_property
     def _tip_state(self) -> Array:
         """The state before any load at the tip, positions over the length."""
-        end = self.sizes.at("left", int(self._numbers[Head.STEPS]))
-        return self._numbers[end - self.sizes.states : end]
+        end = self.sizes.at("left", int(self.numbers[Head.STEPS]))
+        return self.numbers[end - self.sizes.states : end]
 
     @cached_property
     def tip_position(self) -> Array:
-        """Position at ``s = length``, m, world frame."""
+        """Position of the tip, m, world frame."""
         return self._tip_state[:3] * self.length
 
     @cached_property
     def tip_pose(self) -> Array:
-        """``pose(length)``: the tip's frame in the world, 4 x 4."""
+        """The tip's frame in the world, 4 x 4."""
         orientation, angles = 3, 7
         state = self._tip_state[: angles + len(self.robot.tubes)].tolist()
         pose = np.eye(4)
@@ -375,3 +371,7 @@ def _turned(quaternion: list[float], angle: float) -> Array:
             [k * (x * z - w * y), k * (y * z + w * x), 1.0 - k * (x * x + y * y)],
         ]
     )
+
+
+Record: TypeAlias = SolvedRecord | CompiledRecord
+"""What an equilibrium may be made of."""

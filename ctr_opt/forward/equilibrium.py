@@ -1,18 +1,17 @@
-"""The result of a forward solve: the robot's shape, its internal loads, and how well they are known."""
+"""The result of a forward solve: the robot's shape, internal loads, their derivatives, and how well they are known."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-import attrs
 import numpy as np
 
 from ..checks import Array, index
 from ..errors import DefinitionError, SolveError
-from ..layout.configuration import Configuration, Scales
+from ..layout.configuration import Configuration
 from ..loads.kind import Load
 from ..mechanics.law import transmission_energy
 from ..robot.actuation import Actuation
@@ -20,10 +19,12 @@ from ..robot.robot import Robot
 from ..solvers.status import SolveStatus
 from ..transcription.shape import Shape, Values
 from ..transcription.shooting import Shooting
-from ..transcription.stability import SecondVariation
 from ..transcription.verification import defect
-from .attempt import Attempt, path_of
-from .derivatives import Differentiable
+from . import derivatives
+from .compiled import Record
+from .plot import plot_equilibrium
+from .record import BaseMoments
+from .report import equilibrium_report
 from .sensitivity import Solved
 
 if TYPE_CHECKING:
@@ -32,98 +33,21 @@ if TYPE_CHECKING:
 _DISPLAY_STEPS = 100  # `arc_length` has at least so many steps
 
 
-@attrs.frozen(eq=False)
-class BaseMoments:
-    """The unknowns of a shooting problem: what the robot exerts on the entry point.
-
-    ``bending (2,)``, N m: total bending moment at ``s = 0`` in the backbone frame; ``torsional (tubes,)``, N m: each
-    tube's torsional moment at its base; ``force (3,)``, N: what loads that depend on the shape add to the internal
-    force ``n(0)`` of the dead ones, zero without such loads.
-    """
-
-    bending: Array
-    torsional: Array
-    force: Array = attrs.field(factory=lambda: np.zeros(3))
-
-    @property
-    def vector(self) -> Array:
-        """The moments as one vector, N m."""
-        return np.concatenate((self.bending, self.torsional))
-
-    @classmethod
-    def of(cls, unknowns: Array, scales: Scales, tubes: int) -> BaseMoments:
-        """From dimensionless unknowns, with or without a force."""
-        moments = unknowns[: 2 + tubes] * scales.moment
-        force = unknowns[2 + tubes :] * scales.force if len(unknowns) > 2 + tubes else np.zeros(3)
-        for values in (moments, force):
-            values.setflags(write=False)
-        return cls(moments[:2], moments[2:], force)
-
-    def unknowns(self, scales: Scales, live: bool) -> Array:
-        """As dimensionless unknowns, with a force where loads are ``live``."""
-        moments = np.concatenate((self.bending, self.torsional)) / scales.moment
-        return np.concatenate((moments, self.force / scales.force)) if live else moments
-
-
-@attrs.frozen(eq=False)
-class Outcome:
-    """How a solve went.
-
-    Attributes
-    ----------
-    status, attempts, message
-        How it ended, what was tried, and what went wrong.
-    reached
-        How far the last continuation came: 1 at the end.
-    setup_time, solve_time
-        Seconds.
-    residual_norm
-        Largest entry of the scaled boundary residual.
-    discretization_error
-        Estimated largest position error along the backbone, m.
-    """
-
-    status: SolveStatus
-    attempts: tuple[Attempt, ...]
-    message: str = ""
-    reached: float = 1.0
-    setup_time: float = 0.0
-    solve_time: float = 0.0
-    residual_norm: float = np.inf
-    discretization_error: float = np.inf
-    jacobian: Array | None = None
-
-    @property
-    def path(self) -> str:
-        """The attempts in words."""
-        return path_of(self.attempts)
-
-    @property
-    def iterations(self) -> int:
-        """Newton and IPOPT iterations together."""
-        return sum(attempt.iterations for attempt in self.attempts)
-
-
-class Equilibrium(Differentiable):
+class Equilibrium:
     """A shape of the robot in equilibrium, or the record of a solve that found none.
 
     Where a value jumps it is the limit from the right; at a tube's end and at ``length``, from the left. A scalar
     ``s`` gives one value, ``s (k,)`` adds a leading axis. Outside the tube asked for: ``DefinitionError``. The
     shape of a solve that failed raises ``SolveError``.
+
+    Derivatives are exact except for the error of the solution itself: they follow from the implicit-function theorem
+    (``docs/derivatives.md``). Where break points coincide, or one stands at the entry point, those that move them apart
+    are one-sided: ``side = +1`` is the derivative for a growing parameter (an advancing tube), ``-1`` that for a
+    shrinking one. :attr:`kinks` lists the tubes that stand so.
     """
 
-    def __init__(
-        self,
-        configuration: Configuration,
-        base: BaseMoments,
-        outcome: Outcome,
-        shape: Shape | None = None,
-        last: Equilibrium | None = None,
-    ) -> None:
-        self._configuration = configuration
-        self._base = base
-        self._outcome = outcome
-        self._solved_shape = shape
+    def __init__(self, record: Record, last: Equilibrium | None = None) -> None:
+        self.record = record
         self._last = last
 
     # -- how it went ---------------------------------------------------------------------------------------------
@@ -131,22 +55,22 @@ class Equilibrium(Differentiable):
     @property
     def robot(self) -> Robot:
         """The robot."""
-        return self._configuration.robot
+        return self.record.robot
 
     @property
     def actuation(self) -> Actuation:
         """Its actuation."""
-        return self._configuration.actuation
+        return self.record.actuation
 
     @property
     def loads(self) -> tuple[Load, ...]:
         """The loads on it."""
-        return self._configuration.loads
+        return self.record.loads
 
     @property
     def status(self) -> SolveStatus:
         """How the solve ended."""
-        return self._outcome.status
+        return self.record.status
 
     @property
     def converged(self) -> bool:
@@ -156,37 +80,37 @@ class Equilibrium(Differentiable):
     @property
     def path(self) -> str:
         """How the solve got here, the methods in their order."""
-        return self._outcome.path
+        return self.record.outcome.path
 
     @property
     def message(self) -> str:
         """What was tried and how far it got, if it failed."""
-        return self._outcome.message
+        return self.record.outcome.message
 
     @property
     def reached(self) -> float:
         """The continuation parameter where the last continuation ended, 1 where it was completed."""
-        return self._outcome.reached
+        return self.record.outcome.reached
 
     @property
     def iterations(self) -> int:
         """Newton and IPOPT iterations together."""
-        return self._outcome.iterations
+        return self.record.outcome.iterations
 
     @property
     def setup_time(self) -> float:
         """Seconds spent on building functions and data."""
-        return self._outcome.setup_time
+        return self.record.outcome.setup_time
 
     @property
     def solve_time(self) -> float:
         """Seconds spent on solving."""
-        return self._outcome.solve_time
+        return self.record.outcome.solve_time
 
     @property
     def residual_norm(self) -> float:
         """Largest entry of the boundary residual; moments over ``max(EI) / length``."""
-        return self._outcome.residual_norm
+        return self.record.outcome.residual_norm
 
     @property
     def discretization_error(self) -> float:
@@ -195,7 +119,7 @@ class Equilibrium(Differentiable):
         Twice the distance to a solve with half the steps' length (for answers of IPOPT, to first order), rounding
         included.
         """
-        return self._outcome.discretization_error
+        return self.record.outcome.discretization_error
 
     @property
     def unstable_directions(self) -> int | None:
@@ -217,7 +141,7 @@ class Equilibrium(Differentiable):
         >>> column.unstable_directions, column.is_stable
         (2, False)
         """
-        found = self._second_variation
+        found = self.record.second_variation
         return None if found is None else found.negative
 
     @property
@@ -228,7 +152,7 @@ class Equilibrium(Differentiable):
         equilibria (a straight rod that buckled may lie in any plane), which has no ``unstable_directions`` either. None
         where those are None.
         """
-        found = self._second_variation
+        found = self.record.second_variation
         return None if found is None else found.positive
 
     @property
@@ -254,10 +178,6 @@ class Equilibrium(Differentiable):
         return self.shape.smallest_eigenvalue if stable else None if stable is None else 0.0
 
     @property
-    def _second_variation(self) -> SecondVariation | None:
-        return None if self._solved_shape is None else self._solved_shape.second_variation
-
-    @property
     def stability_checked(self) -> bool:
         """Whether this equilibrium is *known* to be stable: :attr:`is_stable` is True, not False or None."""
         return self.is_stable is True
@@ -273,12 +193,12 @@ class Equilibrium(Differentiable):
 
         Under loads that depend on the shape, ``d(m_xy, tau, n)(length) / d(m_xy, tau, n)(0)``.
         """
-        return self._outcome.jacobian
+        return self.record.outcome.jacobian
 
     @property
     def last_iterate(self) -> BaseMoments:
         """Moments (and force) at the base: of the solution, or where a failed solve ended, at ``reached``."""
-        return self._base
+        return self.record.base
 
     @property
     def last_equilibrium(self) -> Equilibrium | None:
@@ -294,24 +214,25 @@ class Equilibrium(Differentiable):
     @property
     def configuration(self) -> Configuration:
         """Robot, actuation and loads as numbers along the arc length."""
-        return self._configuration
+        return self.record.configuration
 
     @property
     def shape(self) -> Shape:
         """The states behind the numbers, for code that works on this result."""
-        if self._solved_shape is None:
-            raise SolveError(f"there is no shape: {self.message or self.status.description}", self)
-        return self._solved_shape
+        shape = self.record.shape
+        if shape is None:
+            raise self._no_shape()
+        return shape
 
     @property
     def length(self) -> float:
         """Arc length from the entry point to the tip, m."""
-        return self._configuration.length
+        return self.record.length
 
     @cached_property
     def arc_length(self) -> Array:
         """Arc lengths, m, to draw or save the shape at: every break point, and at least 100 steps."""
-        breaks = self._configuration.break_points
+        breaks = self.configuration.break_points
         spacing = self.length / _DISPLAY_STEPS
         parts = [
             np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False) for a, b in pairwise(breaks)
@@ -323,17 +244,19 @@ class Equilibrium(Differentiable):
     @property
     def one_sided(self) -> bool:
         """Whether it is known that break points coincide, where :meth:`jacobian` has sides and takes long."""
-        return False
+        return self.record.one_sided
 
     @property
     def tip_position(self) -> Array:
         """Position at ``s = length``, m, world frame."""
-        return self.position(self.length)
+        at_hand = self.record.tip_position
+        return self.position(self.length) if at_hand is None else at_hand
 
     @property
     def tip_pose(self) -> Array:
         """``pose(length)``: the tip's frame in the world, 4 x 4."""
-        return self.pose(self.length)
+        at_hand = self.record.tip_pose
+        return self.pose(self.length) if at_hand is None else at_hand
 
     def position(self, s: Any) -> Array:
         """Backbone position at ``s``, m, world frame."""
@@ -345,7 +268,7 @@ class Equilibrium(Differentiable):
 
         def poses(at: Values) -> Array:
             tubes = (
-                self._configuration.ends.innermost_along(at.arc_length) if i is None else np.full(len(at.arc_length), i)
+                self.configuration.ends.innermost_along(at.arc_length) if i is None else np.full(len(at.arc_length), i)
             )
             angles = at.state.angles[tubes, np.arange(len(tubes))]
             result = np.tile(np.eye(4), (len(tubes), 1, 1))
@@ -396,8 +319,9 @@ class Equilibrium(Differentiable):
 
         Of the tubes in ``[0, length]``, the transmissions' torsion, and curved parts held straight behind the entry.
         """
-        twisted = float(transmission_energy(self._base.torsional, self._configuration.transmission_compliance).sum())
-        return self.shape.elastic_energy + twisted + self._configuration.straightening_energy
+        own = self.configuration
+        twisted = float(transmission_energy(self.last_iterate.torsional, own.transmission_compliance).sum())
+        return self.shape.elastic_energy + twisted + own.straightening_energy
 
     @cached_property
     def load_work(self) -> float:
@@ -413,10 +337,155 @@ class Equilibrium(Differentiable):
         """``energy - load_work``, J: what a stable equilibrium under conservative loads minimizes."""
         return self.energy - self.load_work
 
-    def timed(self, setup_time: float, solve_time: float) -> Equilibrium:
-        """The same result with its times, s."""
-        outcome = attrs.evolve(self._outcome, setup_time=setup_time, solve_time=solve_time)
-        return Equilibrium(self._configuration, self._base, outcome, self._solved_shape, self._last)
+    # -- derivatives ---------------------------------------------------------------------------------------------
+
+    def jacobian(self, s: float | None = None, side: int = 1) -> Array:
+        """Derivative of the pose by rotations, then translations, ``(6, 2 tubes)``.
+
+        Rows: position (m, world axes), and world angular velocity ``w`` with ``dR = hat(w) R`` of the material frame
+        of the innermost tube present.
+
+        Parameters
+        ----------
+        s
+            A fixed arc length, m; ``None``: the tip, which moves with the tube that ends there.
+        side
+            ``+1``: for advancing tubes, ``-1``: for tubes drawn back. They differ for the tubes in :attr:`kinks`
+            alone. A base that stands at the entry point cannot advance: its derivative is always that from behind.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> shape = ctr.ForwardProblem(ctr.Robot([tube])).solve(ctr.Actuation([0.0], [-0.02]))
+        >>> shape.jacobian()[2].round(9).tolist()
+        [0.0, 1.0]
+        """
+        at_hand = self.record.tip_rates() if s is None and side in (1, -1) else None
+        return derivatives.jacobian(self.solved(), s, side) if at_hand is None else at_hand[0]
+
+    def compliance(self, s: float | None = None, load_at: float | None = None, tube: int = 0) -> Array:
+        """Derivative of the pose by a world-fixed force (N) and moment (N m) added at a point, ``(6, 6)``.
+
+        Rows as in :meth:`jacobian`. Under conservative loads it is symmetric where pose and load are at the same
+        point of the same tube.
+
+        Parameters
+        ----------
+        s
+            Where the pose is taken, m: that of ``tube`` where it reaches so far, else of the innermost tube present;
+            ``None``: the tip.
+        load_at, tube
+            Where the load acts, m, and on which tube; ``None``: at that tube's distal end, as in
+            :class:`~ctr_opt.PointWrench`.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> shape = ctr.ForwardProblem(ctr.Robot([tube])).solve(ctr.Actuation([0.0], [0.0]))
+        >>> bool(abs(shape.compliance()[0, 0] - 0.1**3 / (3.0 * tube.bending_stiffness)) < 1e-12)
+        True
+        """
+        carrier = index(tube, "tube", len(self.robot.tubes))
+        at_hand = self.record.tip_rates(carrier) if s is load_at is None else None
+        return derivatives.compliance(self.solved(), s, load_at, carrier) if at_hand is None else at_hand[1]
+
+    def sensitivity(self, of: Any, wrt: str | Sequence[str], order: int = 1, side: int = 1) -> Array:
+        """Derivative of an output by parameters.
+
+        Parameters
+        ----------
+        of
+            An attribute's name, ``"tip_position"``, ``"tip_pose"``, ``"energy"``, ``"load_work"``,
+            ``"potential_energy"``; or a method's name and its arguments, ``("position", s)``, ``("pose", s)``,
+            ``("pose", s, tube)``, ``("curvature", s)``, ``("internal_force", s)``, ``("internal_moment", s)``,
+            ``("torsion", tube, s)``, ``("tube_angle", tube, s)``, ``("tube_moment", tube, s)``,
+            ``("actuator_wrench", tube)``. ``s`` stays fixed, the tip moves. A pose stands for six numbers, as in
+            :meth:`jacobian`; an actuator wrench for force and torque.
+        wrt
+            A parameter's name, or several: ``"rotations"``, ``"translations"``, ``"tubes[0].bending_stiffness"``,
+            ``"tubes[0].precurvature[1].curvature"``, ``"loads[0].force"``, ``"base.rotation"``; a wrong name's error
+            lists all there are, and see ``docs/derivatives.md``.
+        order
+            1 or 2. Second derivatives of a rotation are those of the rotation vector from the pose as it is.
+        side
+            From which side, where break points coincide.
+
+        Returns
+        -------
+        Array
+            The output's shape, then the parameter's (then, for ``order = 2``, the parameter's once more); with
+            several parameters their numbers stand on one axis, one parameter behind the other.
+
+        Raises
+        ------
+        DefinitionError
+            A name that is not there; a parameter that does not act, and why; a load given as a python function where
+            its derivative by ``s`` is needed; second derivatives where break points coincide.
+        SolveError
+            A singular equilibrium: at a fold, or one of a family.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 5.0), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> shape = ctr.ForwardProblem(ctr.Robot([tube])).solve(ctr.Actuation([0.0], [0.0]))
+        >>> shape.sensitivity("tip_position", "tubes[0].precurvature[0].curvature").shape
+        (3, 3)
+        """
+        return derivatives.sensitivity(self.solved(), of, wrt, order, side)
+
+    def actuator_wrench(self, tube: int, side: int = 1) -> tuple[float, float]:
+        """Force (N) and torque (N m) that the actuator exerts on a tube's base, along +z of the entry frame.
+
+        The torque is ``-tau_i(0)``. The force is what virtual work demands when the base is pushed by ``dbeta`` and
+        the loads do their work: the elastic energy gained less the work ``F . dp + M . dphi`` of every load at the
+        point where it acts (a fixed arc length, or a tube's end), over ``dbeta``. Where an interval of conservative
+        load grows with the tube, the potential of what is added counts too, that of a potential's load and of
+        world-fixed forces from the world's origin, so that under conservative loads the two are the derivatives of
+        :attr:`potential_energy` by translation and rotation. Friction is none.
+
+        It is computed from the shape alone: jumps of ``H = m_xy . u_xy + sum tau_i u_i,z + n . R e3 - W - V`` at the
+        tube's break points, the integral of ``m_i . du*_i/ds`` where its curvature varies, and ``H`` of the tube alone
+        right behind the entry point.
+
+        Parameters
+        ----------
+        tube
+            Index of the tube, 0 the innermost.
+        side
+            Where break points coincide: the force against advancing (``+1``) or against drawing back.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> push = ctr.PointWrench(force=[0.0, 0.0, -0.5])
+        >>> shape = ctr.ForwardProblem(ctr.Robot([tube])).solve(ctr.Actuation([0.0], [-0.02]), [push])
+        >>> round(shape.actuator_wrench(0)[0], 9)
+        0.5
+        """
+        return derivatives.actuator_wrench(self.solved(), tube, side)
+
+    @property
+    def unknowns(self) -> Array:
+        """Bending and torsional moments (N m) at the base and, where loads depend on the shape, their force (N).
+
+        In the order in which :meth:`ForwardProblem.function <ctr_opt.ForwardProblem.function>` takes and returns them.
+        """
+        if not self.converged:
+            raise self._no_shape()
+        return self.record.unknowns
+
+    @property
+    def kinks(self) -> tuple[int, ...]:
+        """The tubes whose derivative by translation differs between an advancing and a retreating tube.
+
+        One of their break points coincides with the entry point, a load's, or another tube's, and something jumps
+        there. A base at the entry point, where no tube can advance, is no kink.
+        """
+        return derivatives.kinks(self.solved())
 
     # -- checks and reports --------------------------------------------------------------------------------------
 
@@ -431,9 +500,9 @@ class Equilibrium(Differentiable):
             moves. Infinite where the integrator fails.
         """
         shape = self.shape
-        scales = self._configuration.scales
-        shooting = Shooting(self._configuration, shape.mesh, shape.integrator)
-        z = self._base.unknowns(scales, self._configuration.kind.live)
+        scales = self.configuration.scales
+        shooting = Shooting(self.configuration, shape.mesh, shape.integrator)
+        z = self.last_iterate.unknowns(scales, self.configuration.kind.live)
         try:
             return scales.length * defect(shooting, z, shape)
         except ArithmeticError:
@@ -441,14 +510,10 @@ class Equilibrium(Differentiable):
 
     def report(self) -> str:
         """What was solved, how, how well, and what came out."""
-        from .report import equilibrium_report
-
         return equilibrium_report(self)
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw tubes, loads and tip frame into a 3-D axes (a new one by default) and return it."""
-        from .plot import plot_equilibrium
-
         return plot_equilibrium(self, ax, **style)
 
     def __str__(self) -> str:
@@ -459,13 +524,16 @@ class Equilibrium(Differentiable):
 
     def solved(self) -> Solved:
         """The solution in numbers, for code that works on this result."""
-        own, shape = self._configuration, self.shape
-        return Solved(own, self._base.unknowns(own.scales, own.kind.live), shape.mesh, shape.integrator)
+        own, shape = self.configuration, self.shape
+        return Solved(own, self.last_iterate.unknowns(own.scales, own.kind.live), shape.mesh, shape.integrator)
 
     # -- internals -----------------------------------------------------------------------------------------------
 
+    def _no_shape(self) -> SolveError:
+        return SolveError(f"there is no shape: {self.message or self.status.description}", self)
+
     def _tube(self, tube: int) -> int:
-        return index(tube, "tube", self._configuration.tube_count)
+        return index(tube, "tube", self.configuration.tube_count)
 
     def _vectors(self, s: Any, of: Callable[[Values], Array], tube: int | None = None) -> Array:
         return np.asarray(self._evaluate(s, of, tube))
@@ -485,7 +553,7 @@ class Equilibrium(Differentiable):
             flat = shape.inside(flat, self.length, "the robot")
             values = shape.at(flat)
         else:
-            end = float(self._configuration.tube_ends[tube])
+            end = float(self.configuration.tube_ends[tube])
             flat = shape.inside(flat, end, f"tube {tube} ({self.robot.tubes[tube].name!r})")
             values = shape.at(flat, from_left=flat >= shape.inside(np.array([end]), self.length, "the robot"))
         result = np.asarray(of(values))

@@ -20,7 +20,7 @@ from ..transcription.nlp import Nlp
 from ..transcription.shape import Shape
 from ..transcription.shooting import Nodes, Shooting, cut
 from .attempt import Attempt, Failed
-from .equilibrium import Equilibrium
+from .compiled import Record
 from .run import Reached, Run
 
 Find: TypeAlias = Callable[[Run, Array, Shape | None], tuple[Nodes, Array]]
@@ -104,11 +104,11 @@ def shape_of_minimum(run: Run, energy: EnergyProblem, found: Minimum) -> Shape:
     return Shape(energy.configuration, energy.mesh, nodes, run.settings.integrator)
 
 
-def shape_of(run: Run, initial: Equilibrium) -> Shape:
+def shape_of(run: Run, initial: Record) -> Shape:
     """The shape of an equilibrium, or the one that a guess of the moments at the base stands for."""
-    if initial.converged:
+    if initial.shape is not None:
         return initial.shape
-    z = initial.last_iterate.unknowns(initial.configuration.scales, initial.configuration.kind.live)
+    z = initial.base.unknowns(initial.configuration.scales, initial.configuration.kind.live)
     shape = swept(run, run.shooting_of(initial.configuration), z)
     if not np.all(np.isfinite(shape.nodes.left)):
         raise Failed(SolveStatus.STALLED, "the guess stands for no finite shape", z)

@@ -14,13 +14,12 @@ from ..layout.configuration import Configuration
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
-from ..solvers.status import SolveStatus
 from ..transcription.schemes import Transcription
-from .attempt import Attempt
 from .batch.result import Batch
 from .batch.solve import solve_rows
-from .equilibrium import BaseMoments, Equilibrium, Outcome
+from .equilibrium import Equilibrium
 from .function import forward_map
+from .record import BaseMoments, SolvedRecord
 from .settings import Method, Settings
 from .solver import ForwardSolver, as_loads
 
@@ -276,6 +275,4 @@ class ForwardProblem:
             array(bending, "bending", (2,), unit="N m"),
             array(np.zeros(tubes) if torsional is None else torsional, "torsional", (tubes,), unit="N m"),
         )
-        return Equilibrium(
-            configuration, base, Outcome(SolveStatus.GUESS, (Attempt("guess"),), "this is a guess, not a solution")
-        )
+        return Equilibrium(SolvedRecord.guess(configuration, base))

@@ -19,7 +19,9 @@ from ..solvers.status import SolveStatus
 from ..transcription.shape import Shape
 from ..transcription.shooting import Nodes, Shooting
 from .attempt import Attempt, Failed
-from .equilibrium import BaseMoments, Equilibrium, Outcome
+from .compiled import Record
+from .equilibrium import Equilibrium
+from .record import BaseMoments, Outcome, SolvedRecord
 from .settings import Settings
 
 _T = TypeVar("_T")
@@ -41,7 +43,7 @@ class Run:
     ``last``: the equilibrium at which a path ended; ``unstable``: the last one that was not accepted.
     """
 
-    def __init__(self, settings: Settings, configuration: Configuration, initial: Equilibrium | None = None) -> None:
+    def __init__(self, settings: Settings, configuration: Configuration, initial: Record | None = None) -> None:
         self.settings = settings
         self.configuration = configuration
         self.initial = initial
@@ -132,7 +134,7 @@ class Run:
         """Unknowns as moments and force at the base."""
         return BaseMoments.of(z, self.configuration.scales, self.configuration.tube_count)
 
-    def equilibrium(self, reached: Reached) -> Equilibrium:
+    def record(self, reached: Reached) -> SolvedRecord:
         """An accurate solution as the result."""
         solution, nodes, estimate = reached.solution, reached.nodes, reached.estimate
         assert nodes is not None
@@ -145,12 +147,12 @@ class Run:
             jacobian=solution.jacobian,
         )
         shape = Shape(self.configuration, reached.shooting.mesh, nodes, self.settings.integrator)
-        return Equilibrium(self.configuration, self.base(solution.z), outcome, shape)
+        return SolvedRecord(self.configuration, self.base(solution.z), outcome, shape)
 
-    def failure(self, failure: Failed) -> Equilibrium:
+    def failure(self, failure: Failed) -> SolvedRecord:
         """A failure as the result."""
         outcome = Outcome(failure.status, tuple(self.attempts), reached=failure.reached)
         wanted = "stable equilibrium" if failure.status is SolveStatus.UNSTABLE else "equilibrium"
         message = f"no {wanted} found ({outcome.path}). {failure.message}. What to do: {failure.status.advice}"
         outcome = attrs.evolve(outcome, message=message)
-        return Equilibrium(self.configuration, self.base(failure.z), outcome, last=self.unstable or self.last)
+        return SolvedRecord(self.configuration, self.base(failure.z), outcome)

@@ -12,7 +12,7 @@ from ..mechanics.kind import DEAD, Kind, constant_kind
 from ..native.library import library
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
-from .compiled import CompiledProblem
+from .compiled import CompiledProblem, Record
 from .equilibrium import Equilibrium
 from .settings import Settings
 from .ways import solve
@@ -64,14 +64,13 @@ class ForwardSolver:
         self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium | None = None, throw: bool = False
     ) -> Equilibrium:
         """An equilibrium, from another one or from nothing; a failed result raises where it is to be thrown."""
-        if initial is not None:
-            check_initial(initial, self.robot)
+        start = None if initial is None else started(initial, self.robot)
         fast = self.compiled_for(loads)
         if fast is not None and isinstance(actuation, Actuation) and len(actuation.rotations) == len(self.robot.tubes):
-            result = fast.solve(actuation, loads, initial)
-            if result is not None:
-                return result
-        result = solve(self.settings, self.configuration(actuation, loads), initial)
+            record = fast.solve(actuation, loads, start)
+            if record is not None:
+                return Equilibrium(record)
+        result = solve(self.settings, self.configuration(actuation, loads), start)
         if throw and not result.converged:
             raise SolveError(result.message, result)
         return result
@@ -80,8 +79,9 @@ class ForwardSolver:
         """The equilibrium next to ``initial`` on the same branch, or None where that is in doubt."""
         fast = self.compiled_for(loads)
         if fast is not None and fast.knows(loads):
-            return fast.solve(actuation, loads, initial)
-        result = solve(self.settings, self.configuration(actuation, loads), initial)
+            record = fast.solve(actuation, loads, initial.record)
+            return None if record is None else Equilibrium(record)
+        result = solve(self.settings, self.configuration(actuation, loads), initial.record)
         return result if result.converged else None
 
 
@@ -95,10 +95,12 @@ def as_loads(loads: Any) -> tuple[Load, ...]:
         raise DefinitionError(f"loads = {loads!r} must be a list of loads") from None
 
 
-def check_initial(initial: Any, robot: Robot) -> None:
-    """Raise ``DefinitionError`` unless it is an equilibrium of a robot with this number of tubes."""
+def started(initial: Any, robot: Robot) -> Record:
+    """The record to start from; raises ``DefinitionError`` unless it is of a robot with this number of tubes."""
     if not isinstance(initial, Equilibrium):
         raise DefinitionError(f"initial = {initial!r} must be an Equilibrium")
-    tubes = len(initial.robot.tubes)
-    if tubes != len(robot.tubes):
+    record = initial.record
+    if record.robot is not robot and len(record.robot.tubes) != len(robot.tubes):
+        tubes = len(record.robot.tubes)
         raise DefinitionError(f"initial is of a robot with {tubes} tubes, but this one has {len(robot.tubes)}")
+    return record

@@ -26,10 +26,12 @@ from ..solvers.ipopt import Ipopt
 from ..solvers.newton import Newton, System
 from ..solvers.status import SolveStatus
 from ..transcription.shape import Shape
-from .attempt import Attempt, Failed
+from .attempt import Failed
+from .compiled import Record
 from .continuation import Imperfect, Release, Route
-from .equilibrium import Equilibrium, Outcome
+from .equilibrium import Equilibrium
 from .optimized import balance, discretized, lowest, minimum, polished, shape_of, shape_of_minimum, swept
+from .record import SolvedRecord
 from .run import Reached, Run
 from .settings import Settings
 
@@ -48,15 +50,18 @@ class Way:
     when: Callable[[Run, list[Failed]], bool] = lambda *_: True
 
 
-def solve(settings: Settings, configuration: Configuration, initial: Equilibrium | None) -> Equilibrium:
+def solve(settings: Settings, configuration: Configuration, initial: Record | None) -> Equilibrium:
     """The equilibrium, or the record of the failure."""
     begin, run = perf_counter(), Run(settings, configuration, initial)
+    last = None
     try:
-        result = first_of(_ways(run), run, _accepted)
+        record = first_of(_ways(run), run, _accepted)
     except Failed as failure:
-        result = run.failure(failure)
-    _LOG.info("%s: %s, %d iterations", result.path, result.status.description, result.iterations)
-    return result.timed(run.setup_time, perf_counter() - begin - run.setup_time)
+        record, last = run.failure(failure), run.unstable or run.last
+    _LOG.info("%s: %s, %d iterations", record.outcome.path, record.status.description, record.outcome.iterations)
+    seconds = perf_counter() - begin - run.setup_time
+    outcome = attrs.evolve(record.outcome, setup_time=run.setup_time, solve_time=seconds)
+    return Equilibrium(attrs.evolve(record, outcome=outcome), last)
 
 
 def _ways(run: Run) -> Sequence[Way]:
@@ -87,15 +92,18 @@ def first_of(ways: Sequence[Way], run: Run, finish: Callable[[Run, Reached], _T]
     raise Failed.joined(failures)
 
 
-def _accepted(run: Run, reached: Reached) -> Equilibrium:
-    """A solution as an accurate equilibrium, unless it is known to be unstable and there are other ways to go."""
-    result = run.equilibrium(run.refined(reached))
-    if run.settings.formulation != "automatic" or run.initial is not None or not result.unstable_directions:
-        return result
-    run.unstable, attempt, negative = result, run.attempts[-1], result.unstable_directions
+def _accepted(run: Run, reached: Reached) -> SolvedRecord:
+    """A solution as an accurate record, unless it is known to be unstable and there are other ways to go."""
+    record = run.record(run.refined(reached))
+    if run.settings.formulation != "automatic" or run.initial is not None:
+        return record
+    counted = record.second_variation
+    if counted is None or not counted.negative:
+        return record
+    run.unstable, attempt = Equilibrium(record), run.attempts[-1]
     message = f"{attempt}: {SolveStatus.UNSTABLE.description}"
-    attempt.outcome = f"unstable: {negative} direction{'s' if negative > 1 else ''}"
-    z = result.last_iterate.unknowns(run.configuration.scales, run.configuration.kind.live)
+    attempt.outcome = f"unstable: {counted.negative} direction{'s' if counted.negative > 1 else ''}"
+    z = record.base.unknowns(run.configuration.scales, run.configuration.kind.live)
     raise Failed(SolveStatus.UNSTABLE, f"{message} ({attempt.outcome})", z, reached=1.0)
 
 
@@ -171,9 +179,9 @@ def _newton_from_initial(run: Run) -> Reached:
     """Newton's method from the unknowns of another equilibrium or a guess, unless it may have changed the branch."""
     initial, own = run.initial, run.configuration
     assert initial is not None
-    jacobian = initial.shooting_jacobian
+    jacobian = initial.outcome.jacobian
     family = 0.0 if jacobian is None else family_of(jacobian)
-    z = initial.last_iterate.unknowns(own.scales, own.kind.live)
+    z = initial.base.unknowns(own.scales, own.kind.live)
     reached = run.newton(run.shooting, z, ALONG_FAMILY if family else NEARBY, "newton from initial")
     if jacobian is None:
         return reached
@@ -190,8 +198,8 @@ def _continued(run: Run) -> Reached:
     initial, own = run.initial, run.configuration
     assert initial is not None
     route = Route(initial.configuration, own, run.settings.integrator)
-    z = initial.last_iterate.unknowns(own.scales, route.kind.live)
-    if initial.robot != own.robot or not initial.converged:
+    z = initial.base.unknowns(own.scales, route.kind.live)
+    if initial.robot != own.robot or initial.shape is None:
         try:
             release = Release.of(route.at(0.0), z)
         except DefinitionError as error:
@@ -208,8 +216,7 @@ def _continued(run: Run) -> Reached:
 
 def _keep_last(run: Run, there: Configuration, failure: Failed) -> None:
     """Keep the equilibrium at which a path of this robot ended."""
-    guess = Equilibrium(there, run.base(failure.z), Outcome(SolveStatus.GUESS, (Attempt("guess"),)))
-    last = solve(run.settings, there, guess)
+    last = solve(run.settings, there, SolvedRecord.guess(there, run.base(failure.z)))
     run.last = last if last.converged else None
 
 
@@ -218,7 +225,7 @@ def _keep_last(run: Run, there: Configuration, failure: Failed) -> None:
 
 def _minimum_energy(run: Run) -> Reached:
     """A minimum in its own discretization, from another shape, from what homotopy finds, or from the straight robot."""
-    guess = run.initial
+    guess: Record | None = run.initial
     if guess is None and run.settings.ipopt.start == "homotopy":
         guess = _by_homotopy(run)
     try:
@@ -236,7 +243,7 @@ def _transcribed(run: Run) -> Reached:
     return discretized(run, balance, None if run.settings.ipopt.start == "straight" else _anything(run))
 
 
-def _near(run: Run, initial: Equilibrium) -> Shape:
+def _near(run: Run, initial: Record) -> Shape:
     """The shape that shooting finds from another equilibrium or, unless the way met a fold, that one's."""
     try:
         reached = first_of(FROM_INITIAL, run, lambda _, reached: reached)
@@ -259,7 +266,7 @@ def _anything(run: Run) -> Shape | None:
         return None
 
 
-def _by_homotopy(run: Run) -> Equilibrium | None:
+def _by_homotopy(run: Run) -> SolvedRecord | None:
     try:
         return first_of(COLD, run, _accepted)
     except Failed:

@@ -51,4 +51,7 @@ _BODY = Kind(body=True)
 
 def constant_kind(loads: Iterable[Any]) -> Kind:
     """The kind for loads that are constant in the world or in a tube's frame."""
-    return _BODY if any(getattr(load, "frame", "world") == "body" for load in loads) else DEAD
+    for load in loads:  # not any(): it runs in every compiled solve
+        if getattr(load, "frame", "world") == "body":
+            return _BODY
+    return DEAD

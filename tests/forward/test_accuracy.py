@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import ctr_opt as ctr
+from ctr_opt.forward.record import SolvedRecord
 from ctr_opt.layout.configuration import Configuration
 from ctr_opt.solvers.newton import newton
 from ctr_opt.transcription.shape import Shape
@@ -87,7 +88,8 @@ def spoiled(result, nodes=None, base=None):
     shape = result.shape
     nodes = shape.nodes if nodes is None else nodes
     other = Shape(result.configuration, shape.mesh, nodes, shape.integrator)
-    return ctr.Equilibrium(result.configuration, result.last_iterate if base is None else base, result._outcome, other)
+    base = result.last_iterate if base is None else base
+    return ctr.Equilibrium(attrs.evolve(result.record, base=base, shape=other))
 
 
 @pytest.fixture(scope="module")
@@ -130,12 +132,8 @@ def test_verify_sees_steps_too_long():
     assert solution.converged
     nodes, _ = shooting.sweep(solution.z)
     moments = solution.z * configuration.scales.moment
-    coarse = ctr.Equilibrium(
-        configuration,
-        ctr.BaseMoments(moments[:2], moments[2:]),
-        good._outcome,
-        Shape(configuration, shooting.mesh, nodes, "RK4"),
-    )
+    base, shape = ctr.BaseMoments(moments[:2], moments[2:]), Shape(configuration, shooting.mesh, nodes, "RK4")
+    coarse = ctr.Equilibrium(SolvedRecord(configuration, base, good.record.outcome, shape))
     error = np.linalg.norm(coarse.tip_position - good.tip_position)
     assert error > 3e-5
     assert coarse.verify() == pytest.approx(error, rel=0.2)  # its Newton step uses the coarse Jacobian

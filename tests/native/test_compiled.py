@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ctr_opt as ctr
-from ctr_opt.forward.compiled import CompiledEquilibrium
+from ctr_opt.forward.compiled import CompiledRecord
 from ctr_opt.layout.configuration import Configuration
 from ctr_opt.mechanics.kind import DEAD
 from ctr_opt.native.compile import compiler
@@ -38,7 +38,7 @@ def opposed():
 
 
 def by_compiled_code(result):
-    return isinstance(result, CompiledEquilibrium)
+    return isinstance(result.record, CompiledRecord)
 
 
 def random_case(rng, n, **options):

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import ctr_opt as ctr
-from ctr_opt.forward.compiled import CompiledEquilibrium
+from ctr_opt.forward.compiled import CompiledRecord
 from ctr_opt.mechanics.kind import DEAD
 from ctr_opt.native import compile as compilation
 from ctr_opt.native import library as libraries
@@ -28,7 +28,7 @@ def fresh(monkeypatch):
 
 
 def compiled(problem):
-    return isinstance(problem.solve(held()), CompiledEquilibrium)
+    return isinstance(problem.solve(held()).record, CompiledRecord)
 
 
 def test_what_is_on_the_disk_is_used_at_once(fresh):

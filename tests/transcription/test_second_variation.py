@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import ctr_opt as ctr
 from ctr_opt.forward import ways
-from ctr_opt.forward.equilibrium import BaseMoments, Equilibrium, Outcome
+from ctr_opt.forward.record import BaseMoments, SolvedRecord
 from ctr_opt.layout.configuration import Configuration
 from ctr_opt.mechanics.state import stacked
 from ctr_opt.solvers import homotopy
@@ -129,7 +129,7 @@ def several(configuration, rng, tries=3):
         if not solution.converged:
             continue
         base = BaseMoments.of(solution.z, configuration.scales, configuration.tube_count)
-        start = Equilibrium(configuration, base, Outcome(ctr.SolveStatus.GUESS, ()))
+        start = ctr.Equilibrium(SolvedRecord.guess(configuration, base))
         problem = ctr.ForwardProblem(configuration.robot)
         found = problem.solve(configuration.actuation, configuration.loads, initial=start, throw=False)
         if found.converged:  # a few do not on finer steps

@@ -13,7 +13,7 @@ from ...robot.actuation import Actuation
 from ...solvers.homotopy import Homotopy, family_of, regular_between
 from ...solvers.ipopt import Ipopt
 from ..equilibrium import Equilibrium
-from ..solver import ForwardSolver, check_initial
+from ..solver import ForwardSolver, started
 from .result import Batch
 from .rows import rows_of_actuations, rows_of_loads
 
@@ -32,15 +32,18 @@ def solve_rows(
     rows, objects = rows_of_actuations(actuations, tubes)
     rows_loads = rows_of_loads(loads, len(rows))
     if initial is not None:
-        check_initial(initial, solver.robot)
+        started(initial, solver.robot)
     fast = solver.compiled_for(load for row in rows_loads for load in row)
     batch = None if fast is None else fast.batch(rows, rows_loads)
     results: list[Equilibrium] = []
     snapped, before = np.zeros(len(rows), dtype=bool), initial
     while len(results) < len(rows):
-        for result in [None] if batch is None else batch.solve(len(results), before, chained):
+        first = None if before is None else before.record
+        for record in [None] if batch is None else batch.solve(len(results), first, chained):
             k = len(results)
-            if result is None:
+            if record is not None:
+                result = Equilibrium(record)
+            else:
                 actuation = Actuation(rows[k, :tubes], rows[k, tubes:]) if objects is None else objects[k]
                 result, left = _solve_row(solver, actuation, rows_loads[k], before)
                 snapped[k] = left and chained

@@ -1,0 +1,164 @@
+"""What a solve leaves: the moments at the base, how it went, and the shape."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from ..checks import Array
+from ..layout.configuration import Configuration, Scales
+from ..loads.kind import Load
+from ..robot.actuation import Actuation
+from ..robot.robot import Robot
+from ..solvers.status import SolveStatus
+from ..transcription.shape import Shape
+from ..transcription.stability import SecondVariation
+from .attempt import Attempt, path_of
+
+
+@attrs.frozen(eq=False)
+class BaseMoments:
+    """The unknowns of a shooting problem: what the robot exerts on the entry point.
+
+    ``bending (2,)``, N m: total bending moment at ``s = 0`` in the backbone frame; ``torsional (tubes,)``, N m: each
+    tube's torsional moment at its base; ``force (3,)``, N: what loads that depend on the shape add to the internal
+    force ``n(0)`` of the dead ones, zero without such loads.
+    """
+
+    bending: Array
+    torsional: Array
+    force: Array = attrs.field(factory=lambda: np.zeros(3))
+
+    @property
+    def vector(self) -> Array:
+        """The moments as one vector, N m."""
+        return np.concatenate((self.bending, self.torsional))
+
+    @classmethod
+    def of(cls, unknowns: Array, scales: Scales, tubes: int) -> BaseMoments:
+        """From dimensionless unknowns, with or without a force."""
+        moments = unknowns[: 2 + tubes] * scales.moment
+        force = unknowns[2 + tubes :] * scales.force if len(unknowns) > 2 + tubes else np.zeros(3)
+        for values in (moments, force):
+            values.setflags(write=False)
+        return cls(moments[:2], moments[2:], force)
+
+    def unknowns(self, scales: Scales, live: bool) -> Array:
+        """As dimensionless unknowns, with a force where loads are ``live``."""
+        moments = np.concatenate((self.bending, self.torsional)) / scales.moment
+        return np.concatenate((moments, self.force / scales.force)) if live else moments
+
+
+@attrs.frozen(eq=False)
+class Outcome:
+    """How a solve went.
+
+    Attributes
+    ----------
+    status, attempts, message
+        How it ended, what was tried, and what went wrong.
+    reached
+        How far the last continuation came: 1 at the end.
+    setup_time, solve_time
+        Seconds.
+    residual_norm
+        Largest entry of the scaled boundary residual.
+    discretization_error
+        Estimated largest position error along the backbone, m.
+    """
+
+    status: SolveStatus
+    attempts: tuple[Attempt, ...]
+    message: str = ""
+    reached: float = 1.0
+    setup_time: float = 0.0
+    solve_time: float = 0.0
+    residual_norm: float = np.inf
+    discretization_error: float = np.inf
+    jacobian: Array | None = None
+
+    @property
+    def path(self) -> str:
+        """The attempts in words."""
+        return path_of(self.attempts)
+
+    @property
+    def iterations(self) -> int:
+        """Newton and IPOPT iterations together."""
+        return sum(attempt.iterations for attempt in self.attempts)
+
+
+@attrs.frozen(eq=False)
+class SolvedRecord:
+    """The record of a solve in CasADi's virtual machine, or of a failure or a guess, which have no shape.
+
+    An :class:`~ctr_opt.Equilibrium` is made of one, or of a ``CompiledRecord`` with the same members.
+    """
+
+    configuration: Configuration
+    base: BaseMoments
+    outcome: Outcome
+    shape: Shape | None = None
+
+    @classmethod
+    def guess(cls, configuration: Configuration, base: BaseMoments) -> SolvedRecord:
+        """The record of a guess, from which a solve may start."""
+        outcome = Outcome(SolveStatus.GUESS, (Attempt("guess"),), "this is a guess, not a solution")
+        return cls(configuration, base, outcome)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.configuration.robot
+
+    @property
+    def actuation(self) -> Actuation:
+        """Its actuation."""
+        return self.configuration.actuation
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """The loads on it."""
+        return self.configuration.loads
+
+    @property
+    def length(self) -> float:
+        """Arc length from the entry point to the tip, m."""
+        return self.configuration.length
+
+    @property
+    def status(self) -> SolveStatus:
+        """How the solve ended."""
+        return self.outcome.status
+
+    @property
+    def unknowns(self) -> Array:
+        """Moments, N m, and force, N, at the base in the order of the equations."""
+        own = self.configuration
+        z = self.base.unknowns(own.scales, own.kind.live)
+        return np.asarray(z * own.scales.unknowns(own.tube_count, own.kind.live))
+
+    @property
+    def second_variation(self) -> SecondVariation | None:
+        """Of the potential energy; None where there is none, or no shape."""
+        return None if self.shape is None else self.shape.second_variation
+
+    @property
+    def tip_position(self) -> Array | None:
+        """The position of the tip, where it is at hand without an evaluation of the shape; so is the pose."""
+        return None
+
+    @property
+    def tip_pose(self) -> Array | None:
+        """See :attr:`tip_position`."""
+        return None
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether it is known that derivatives at the tip have sides."""
+        return False
+
+    def tip_rates(self, tube: int | None = None) -> tuple[Array, Array] | None:
+        """Derivatives of the tip's pose by actuation and by a wrench, where they take no derivation."""
+        del tube
+        return None
