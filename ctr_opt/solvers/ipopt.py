@@ -6,6 +6,7 @@ What it says is believed only if the equations hold at the point it returns.
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -67,6 +68,16 @@ class IpoptPoint:
     message: str
     residual: Array
 
+    @classmethod
+    def of(cls, result: Any, stats: Any, ends: Sequence[str], most: float) -> IpoptPoint:
+        """What a solver of CasADi's returned: believed if it ended well and left at most ``most`` of the equations."""
+        x, multipliers, residual = (result[name].full()[:, 0] for name in ("x", "lam_g", "g"))
+        sound = bool(np.isfinite(x).all()) and np.abs(residual).max(initial=0.0) < most
+        status = str(stats["return_status"])
+        said = status.replace("_", " ").lower()
+        converged = status in ends and bool(sound)
+        return cls(x, multipliers, float(result["f"]), int(stats["iter_count"]), converged, said, residual)
+
 
 def quiet(tolerance: float, iterations: int, **own: Any) -> dict[str, Any]:
     """Options for CasADi of an IPOPT that prints nothing, scales nothing and leaves failures to its caller."""
@@ -106,17 +117,7 @@ class IpoptSolver:
         with LOCK:
             result = self._solver(x0=x, p=p, lbg=0.0, ubg=0.0)
             stats = self._solver.stats()
-        found, residual = result["x"].full()[:, 0], result["g"].full()[:, 0]
-        sound = bool(np.all(np.isfinite(found)) and np.abs(residual).max() < 1e3 * self._tolerance)
-        return IpoptPoint(
-            found,
-            result["lam_g"].full()[:, 0],
-            float(result["f"]),
-            int(stats["iter_count"]),
-            stats["return_status"] == "Solve_Succeeded" and sound,
-            str(stats["return_status"]).replace("_", " ").lower(),
-            residual,
-        )
+        return IpoptPoint.of(result, stats, ("Solve_Succeeded",), 1e3 * self._tolerance)
 
     def derivatives(self, point: IpoptPoint, p: Array) -> tuple[csc_matrix, csc_matrix]:
         """Hessian of the Lagrangian and Jacobian of the constraints at a point."""

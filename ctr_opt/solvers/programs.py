@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import count
 from typing import TYPE_CHECKING, Any, Protocol
 
 import attrs
@@ -58,18 +59,18 @@ class Program(Protocol):
 
 
 class _Callback(ca.Callback):
-    """A function of CasADi's whose outputs are computed in numbers."""
+    """A CasADi function of columns whose outputs are computed in numbers; their errors are collected in ``caught``."""
 
     def __init__(
         self,
         name: str,
+        caught: list[BaseException],
         sizes: list[int],
         outputs: list[ca.Sparsity],
         values: Callable[..., list[Any]],
-        caught: list[BaseException],
     ) -> None:
         ca.Callback.__init__(self)
-        self._sizes, self._outputs, self._values, self._caught = sizes, outputs, values, caught
+        self._caught, self._sizes, self._outputs, self._values = caught, sizes, outputs, values
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -93,6 +94,58 @@ class _Callback(ca.Callback):
         return [ca.DM(pattern, value) for pattern, value in zip(self._outputs, values, strict=True)]
 
 
+class _Points:
+    """A program at the points where IPOPT asks for it: each is evaluated once, and an error ends the solve."""
+
+    def __init__(self, program: Program, size: int) -> None:
+        self.program, self.size = program, size
+        self.caught: list[BaseException] = []
+        self._kept: tuple[bytes, Evaluated] | None = None
+
+    def at(self, x: Array) -> Evaluated:
+        """Everything at a point; not a number where it cannot be evaluated, and after an error."""
+        key = x.tobytes()
+        if self._kept is None or self._kept[0] != key:
+            evaluated = None if self.caught else self.program.evaluate(x)
+            self._kept = key, evaluated or self._nowhere()
+        return self._kept[1]
+
+    def _nowhere(self) -> Evaluated:
+        jacobian, hessian = self.program.jacobian_structure, self.program.hessian_structure
+        sizes = self.size, jacobian.shape[0], jacobian.nnz, hessian.nnz
+        return Evaluated(np.nan, *(np.full(size, np.nan) for size in sizes))
+
+    def functions(self) -> dict[str, _Callback]:
+        """The program as ``nlp`` and its derivatives by the names of CasADi's options."""
+        size, at, dense = self.size, self.at, ca.Sparsity.dense
+        jacobian, hessian = _pattern(self.program.jacobian_structure), _pattern(self.program.hessian_structure)
+        equations, one = jacobian.shape[0], dense(1, 1)
+        parts: dict[str, tuple[list[int], list[ca.Sparsity], Callable[..., list[Any]]]] = {
+            "nlp": ([size, 0], [one, dense(equations, 1)], lambda x, _: [[at(x).objective], at(x).constraints]),
+            "grad_f": ([size, 0], [one, dense(size, 1)], lambda x, _: [[at(x).objective], at(x).gradient]),
+            "jac_g": ([size, 0], [dense(equations, 1), jacobian], lambda x, _: [at(x).constraints, at(x).jacobian]),
+            "hess_lag": ([size, 0, 1, equations], [hessian], lambda x, _, factor, __: [factor[0] * at(x).hessian]),
+        }
+        return {name: _Callback(name, self.caught, *part) for name, part in parts.items()}
+
+    def watched(self, progress: Callable[[int], None]) -> _Callback:
+        """What IPOPT calls after each iteration: it reports how many there were, or stops the solve."""
+        steps = count(1)
+
+        def watch(*_: Array) -> list[Any]:
+            try:
+                if not self.caught:
+                    progress(next(steps))
+            except BaseException as error:
+                self.caught.append(error)
+            return [[float(bool(self.caught))]]  # not zero: IPOPT is to stop
+
+        size, equations = self.size, self.program.jacobian_structure.shape[0]
+        return _Callback(
+            "watch", self.caught, [size, 1, equations, size, equations, 0], [ca.Sparsity.dense(1, 1)], watch
+        )
+
+
 def _pattern(matrix: csc_matrix) -> ca.Sparsity:
     rows, columns = matrix.shape
     return ca.Sparsity(rows, columns, matrix.indptr.tolist(), matrix.indices.tolist())
@@ -107,83 +160,19 @@ def solve_program(
     iterations: int = 200,
     progress: Callable[[int], None] | None = None,
 ) -> IpoptPoint:
-    """IPOPT's answer from a start, between bounds."""
-    size, count = len(start), program.jacobian_structure.shape[0]
-    kept: dict[bytes, Evaluated] = {}
-
-    def at(x: Array) -> Evaluated:
-        if caught:
-            return _nowhere(size, count, program)
-        key = x.tobytes()
-        if key not in kept:
-            found = program.evaluate(x)
-            kept.clear()
-            kept[key] = _nowhere(size, count, program) if found is None else found
-        return kept[key]
-
-    def told(x: Array, _: Array) -> list[Any]:
-        found = at(x)
-        return [[found.objective], found.constraints]
-
-    def hessian(x: Array, _: Array, factor: Array, __: Array) -> list[Any]:
-        return [factor[0] * at(x).hessian]
-
-    def watch(*_: Array) -> list[Any]:
-        try:
-            steps.append(0)
-            if progress is not None and not caught:
-                progress(len(steps))
-        except BaseException as error:
-            caught.append(error)
-        return [[float(bool(caught))]]  # not zero: IPOPT is to stop
-
-    steps: list[int] = []
-    caught: list[BaseException] = []
-    dense = ca.Sparsity.dense
-    jacobian, second = _pattern(program.jacobian_structure), _pattern(program.hessian_structure)
-    values = _Callback("values", [size, 0], [dense(1, 1), dense(count, 1)], told, caught)
-    slope = _Callback(
-        "slope", [size, 0], [dense(1, 1), dense(size, 1)], lambda x, _: [[at(x).objective], at(x).gradient], caught
-    )
-    slopes = _Callback(
-        "slopes", [size, 0], [dense(count, 1), jacobian], lambda x, _: [at(x).constraints, at(x).jacobian], caught
-    )
-    curved = _Callback("curved", [size, 0, 1, count], [second], hessian, caught)
-    x = ca.MX.sym("x", size)
-    objective, constraints = values(x, ca.MX(0, 1))
-    options = quiet(tolerance, iterations, mu_init=1e-6, **_STANDS_STILL)
+    """IPOPT's answer from a start, between bounds; an error of the program, or of ``progress``, is raised."""
+    points = _Points(program, len(start))
+    functions = points.functions()
+    x, nlp = ca.MX.sym("x", len(start)), functions.pop("nlp")  # CasADi keeps no callback alive: they are kept here
+    objective, constraints = nlp(x, ca.MX(0, 1))
+    options = quiet(tolerance, iterations, mu_init=1e-6, **_STANDS_STILL) | functions
     options |= {"no_nlp_grad": True, "calc_lam_x": False, "calc_f": False, "calc_g": False}
-    options |= {"grad_f": slope, "jac_g": slopes, "hess_lag": curved}
     if progress is not None:
-        watched = [dense(size, 1), dense(1, 1), dense(count, 1), dense(size, 1), dense(count, 1), dense(0, 1)]
-        options["iteration_callback"] = _Callback(
-            "watch", [each.numel() for each in watched], [dense(1, 1)], watch, caught
-        )
+        options["iteration_callback"] = points.watched(progress)
     with LOCK:
         solver = ca.nlpsol("estimation", "ipopt", {"x": x, "f": objective, "g": constraints}, options)
         result = solver(x0=start, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
         stats = solver.stats()
-    if caught:
-        raise caught[0]
-    found, residual = result["x"].full()[:, 0], result["g"].full()[:, 0]
-    sound = bool(np.isfinite(found).all()) and np.abs(residual).max(initial=0.0) < _SATISFIED
-    return IpoptPoint(
-        found,
-        result["lam_g"].full()[:, 0],
-        float(result["f"]),
-        int(stats["iter_count"]),
-        stats["return_status"] in _ENDS and bool(sound),
-        str(stats["return_status"]).replace("_", " ").lower(),
-        residual,
-    )
-
-
-def _nowhere(size: int, count: int, program: Program) -> Evaluated:
-    nothing = np.nan
-    return Evaluated(
-        nothing,
-        np.full(size, nothing),
-        np.full(count, nothing),
-        np.full(program.jacobian_structure.nnz, nothing),
-        np.full(program.hessian_structure.nnz, nothing),
-    )
+    if points.caught:
+        raise points.caught[0]
+    return IpoptPoint.of(result, stats, _ENDS, _SATISFIED)
