@@ -145,22 +145,16 @@ class Failure(IntEnum):
     PATH_ENDED = 14
 
 
-class Head(IntEnum):
-    """The numbers that a result begins with."""
+class Head:
+    """Where the numbers stand that a result begins with."""
 
-    ITERATIONS = 0
-    RESIDUAL = 1
-    ERROR = 2  # of positions over the length; negative where it is only known to be below
-    STEPS = 3
-    LENGTH = 4
-    REFINEMENTS = 5
-    NEEDED = 6
-    COLD = 7
+    ITERATIONS, RESIDUAL, STEPS, LENGTH, REFINEMENTS, NEEDED, COLD = range(7)
+    ERROR = 7  # of positions over the length; negative where it is only known to be below
     FAR = 8  # the start was so far away that Broyden's method failed or was slow
 
 
 _STRUCTS = (Robot, PointLoad, SpanLoad, Loads, Direction, Probe, Asked, Goal, Answer)
-_ENUMS = {"BY_": By, "": Failure, "R_": Head}
+_ENUMS = {"BY_": By.__members__, "": Failure.__members__, "R_": {k: v for k, v in vars(Head).items() if k.isupper()}}
 _HEAD = 16  # numbers in front of a result's blocks
 _CASE = "const Robot *robot, const Loads *loads, const double *actuation"
 _CASES = "const Robot *robot, const Loads *const *loads, const double *actuations"
@@ -235,6 +229,11 @@ class Sizes:
         fixed, each = self._blocks[block]
         return fixed + each * steps
 
+    @cached_property
+    def start_at(self) -> int:
+        """Bytes in front of the block that a solve may start from."""
+        return ctypes.sizeof(_DOUBLE) * self.at("start", 0)
+
     def results(self) -> str:
         """C text: where the blocks of results begin, and the parts of ``start``."""
         parts = {f"START_{name.upper()}": part.start for name, part in self.start.items()}
@@ -252,7 +251,7 @@ class Sizes:
 def declarations() -> str:
     """C text: structures, enumerations and prototypes."""
     parts = [_struct(struct) for struct in _STRUCTS]
-    parts += [enum({f"{prefix}{each.name}": each.value for each in table}) for prefix, table in _ENUMS.items()]
+    parts += [enum({prefix + name: int(k) for name, k in table.items()}) for prefix, table in _ENUMS.items()]
     parts += [f"enum {{ DIRECTIONS = {len(By)} }};\n", *(f"EXPORT int {n}({a});\n" for n, a in FUNCTIONS.items())]
     fields = [f"offsetof({each.__name__}, {name})" for each in _STRUCTS for name, *_ in each._fields_]
     values = ["NX", "NZ", "RESULT_SIZE(1)", *(f"sizeof({each.__name__})" for each in _STRUCTS), *fields]
