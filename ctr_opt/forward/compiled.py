@@ -16,7 +16,7 @@ from ..layout.configuration import Configuration
 from ..layout.ends import Ends
 from ..loads.kind import Load
 from ..native.abi import Failure, Goal, Head
-from ..native.calls import LoadRows, Native, RobotTable
+from ..native.calls import LoadRows, Native, robot_table
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from ..solvers.accuracy import estimate_error_of_nodes
@@ -37,7 +37,7 @@ class CompiledProblem:
     def __init__(self, robot: Robot, settings: Settings, native: Native) -> None:
         self.robot = robot
         self.native = native
-        self._robot = RobotTable(robot)
+        self._robot = robot_table(robot)
         self._address = self._robot.address
         self._tubes = len(robot.tubes)
         self.sizes = native.sizes

@@ -1,8 +1,8 @@
 """What Python and the compiled solver agree on, stated once: structures, enumerations, functions, results.
 
-The declarations below are what Python calls with; :func:`declarations` and :func:`results` write the C text from the
-same declarations. A definition in ``driver.c`` that differs from its prototype here does not compile, and sizes and
-offsets are compared when a library is loaded.
+The declarations below are what Python calls with; :func:`declarations` and :meth:`Sizes.results` write the C text from
+them. A definition in ``driver.c`` that differs from its prototype here does not compile, and the sizes of all
+structures are compared when a library is loaded.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping
 from enum import IntEnum
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
@@ -21,83 +21,60 @@ from ..mechanics.kind import Kind
 from ..mechanics.state import State, slices
 from .routines import enum
 
-_INT, _DOUBLE = ctypes.c_int, ctypes.c_double
-DOUBLES, INTS, ROOM = ctypes.POINTER(_DOUBLE), ctypes.POINTER(_INT), ctypes.c_void_p
-_VECTOR = _DOUBLE * 3
+_INT, _DOUBLE, _ROOM = ctypes.c_int, ctypes.c_double, ctypes.c_void_p
+_INTS, _DOUBLES, _VECTOR = ctypes.POINTER(_INT), ctypes.POINTER(_DOUBLE), _DOUBLE * 3
 
 
-class Robot(ctypes.Structure):
-    """The tubes one behind the other, SI."""
-
-    _fields_ = (
-        ("stiffness", DOUBLES),  # STIFFNESSES of each tube, in the order of mechanics/law.py
-        ("pieces", INTS),  # TUBES + 1: where each tube's pieces of precurvature begin
-        ("degree", _INT),
-        ("breaks", DOUBLES),  # arc lengths of the pieces' ends from the tube's base; tube i's from pieces[i] + i
-        ("coefficients", DOUBLES),  # (degree + 1) x 3 of each piece, powers of the length from its beginning
-        ("position", DOUBLES),  # of the entry point
-        ("orientation", DOUBLES),  # of the entry point, a quaternion
-    )
+def _struct(name: str, **fields: Any) -> Any:
+    """A structure of C and of Python."""
+    return type(name, (ctypes.Structure,), {"_fields_": list(fields.items())})
 
 
-class PointLoad(ctypes.Structure):
-    """A force and a moment at a place; one of zeros breaks no step: a place alone.
+# -- what a solver is given, SI ----------------------------------------------------------------------------------------
 
-    An arc length of NaN rides on the tube's end. A ``frame`` other than zero is the tube's, zero is the world's.
-    """
-
-    _fields_ = (("s", _DOUBLE), ("tube", _DOUBLE), ("frame", _DOUBLE), ("force", _VECTOR), ("moment", _VECTOR))
-
-
-class SpanLoad(ctypes.Structure):
-    """A force and a moment per length; ends and frame as those of a :class:`PointLoad`."""
-
-    _fields_ = (
-        *(("ends", _DOUBLE * 2), ("tube", _DOUBLE), ("frame", _DOUBLE)),
-        *(("force", _VECTOR), ("moment", _VECTOR)),
-    )
-
-
-class Loads(ctypes.Structure):
-    """Rows of point loads and of loads per length."""
-
-    _fields_ = (
-        *(("points", _INT), ("spans", _INT)),
-        *(("point", ctypes.POINTER(PointLoad)), ("span", ctypes.POINTER(SpanLoad))),
-    )
+Robot = _struct(
+    "Robot",
+    stiffness=_DOUBLES,  # STIFFNESSES of each tube, in the order of mechanics/law.py
+    pieces=_INTS,  # TUBES + 1: where each tube's pieces of precurvature begin
+    degree=_INT,
+    breaks=_DOUBLES,  # arc lengths of the pieces' ends from the tube's base; tube i's from pieces[i] + i
+    coefficients=_DOUBLES,  # (degree + 1) x 3 of each piece, powers of the length from its beginning
+    position=_DOUBLES,  # of the entry point
+    orientation=_DOUBLES,  # of the entry point, a quaternion
+)
+# An arc length of NaN rides on the tube's end. A frame other than zero is the tube's, zero is the world's. A point load
+# of zeros breaks no step: it is a place alone.
+PointLoad = _struct("PointLoad", s=_DOUBLE, tube=_DOUBLE, frame=_DOUBLE, force=_VECTOR, moment=_VECTOR)
+SpanLoad = _struct("SpanLoad", ends=_DOUBLE * 2, tube=_DOUBLE, frame=_DOUBLE, force=_VECTOR, moment=_VECTOR)
+Loads = _struct("Loads", points=_INT, spans=_INT, point=ctypes.POINTER(PointLoad), span=ctypes.POINTER(SpanLoad))
+Goal = _struct("Goal", error=_DOUBLE, residual=_DOUBLE)  # of positions over the length; of scaled tip conditions
 
 
-class Direction(ctypes.Structure):
-    """What may change: a kind (:class:`By`), whose it is, and a component."""
+class By(IntEnum):
+    """Kinds of directions of change, and what their index and component say."""
 
-    _fields_ = (("kind", _INT), ("index", _INT), ("component", _INT))
-
-
-class Probe(ctypes.Structure):
-    """Where something is predicted: at the place of a row of the point loads, of a tube."""
-
-    _fields_ = (("point", _INT), ("tube", _INT))
-
-
-class Asked(ctypes.Structure):
-    """What is asked of the model in one experiment."""
-
-    _fields_ = (
-        ("directions", ctypes.POINTER(Direction)),
-        ("count", _INT),
-        ("tables", DOUBLES),  # changes of the robot's coefficients, one behind the other
-        ("probes", ctypes.POINTER(Probe)),
-        ("probe_count", _INT),
-    )
+    STIFFNESS = 0  # of a tube; the component is the number of the stiffness
+    ROTATION = 1  # of a tube
+    TRANSLATION = 2  # of a tube
+    POSITION = 3  # of the entry point, along an axis of the world
+    TURN = 4  # of the entry point, about its own axis
+    FORCE = 5  # of a point load, a component as it stands there
+    MOMENT = 6
+    PLACE = 7  # the arc length of a point load that has one
+    SPAN_FORCE = 8  # of a load per length
+    SPAN_MOMENT = 9
+    PRECURVATURE = 10  # a table like the robot's coefficients; the component is the tube it is for
 
 
-class Goal(ctypes.Structure):
-    """What a solve must meet: error of positions over the length, and scaled tip conditions."""
+Direction = _struct("Direction", kind=_INT, index=_INT, component=_INT)
+Probe = _struct("Probe", point=_INT, tube=_INT)  # where a point load is, seen in the frame of a tube
+# As many directions and probes of each experiment, one behind the other; tables: changes of the robot's coefficients.
+_LISTS = {"directions": ctypes.POINTER(Direction), "tables": _DOUBLES, "probes": ctypes.POINTER(Probe)}
+Asked = _struct("Asked", **_LISTS, count=_INT, probe_count=_INT)
 
-    _fields_ = (("error", _DOUBLE), ("residual", _DOUBLE))
+# -- what it answers ---------------------------------------------------------------------------------------------------
 
-
-ANSWER: Mapping[str, tuple[str | int, ...]] = {
+ANSWER: Mapping[str, tuple[Any, ...]] = {
     "residual": ("unknowns",),
     "slopes": ("unknowns", "columns"),
     "poses": ("probes", 3, 4),
@@ -109,27 +86,7 @@ ANSWER: Mapping[str, tuple[str | int, ...]] = {
 }
 """What the model says of an experiment, SI: by name, its shape; ``columns``: by unknowns, then by directions."""
 
-
-class Answer(ctypes.Structure):
-    """Room for the :data:`ANSWER` of experiments one behind the other, or NULL for what is not wanted."""
-
-    _fields_ = tuple((name, ROOM) for name in ANSWER)
-
-
-class By(IntEnum):
-    """Kinds of directions of change, and what their index and component say."""
-
-    STIFFNESS = 0  # of a tube; the component is the number of the stiffness
-    ROTATION = 1  # of a tube
-    TRANSLATION = 2  # of a tube
-    POSITION = 3  # of the entry point, along an axis of the world
-    TURN = 4  # of the entry point, about its own axis
-    FORCE = 5  # of a row of the point loads, a component as it stands there
-    MOMENT = 6
-    PLACE = 7  # the arc length of a point load that has one
-    SPAN_FORCE = 8  # of a row of the loads per length
-    SPAN_MOMENT = 9
-    PRECURVATURE = 10  # a table like the robot's coefficients; the component is the tube it is for
+Answer = _struct("Answer", **dict.fromkeys(ANSWER, _ROOM))  # of experiments one behind the other; NULL: not wanted
 
 
 class Failure(IntEnum):
@@ -153,9 +110,9 @@ class Head:
     FAR = 8  # the start was so far away that Broyden's method failed or was slow
 
 
-_STRUCTS = (Robot, PointLoad, SpanLoad, Loads, Direction, Probe, Asked, Goal, Answer)
-_ENUMS = {"BY_": By.__members__, "": Failure.__members__, "R_": {k: v for k, v in vars(Head).items() if k.isupper()}}
 _HEAD = 16  # numbers in front of a result's blocks
+_STRUCTS = (Robot, PointLoad, SpanLoad, Loads, Goal, Direction, Probe, Asked, Answer)
+_ENUMS = {"BY_": By.__members__, "": Failure.__members__, "R_": {k: v for k, v in vars(Head).items() if k.isupper()}}
 _CASE = "const Robot *robot, const Loads *loads, const double *actuation"
 _CASES = "const Robot *robot, const Loads *const *loads, const double *actuations"
 FUNCTIONS = {
@@ -164,38 +121,13 @@ FUNCTIONS = {
     "many": f"{_CASES}, int count, const double *first, int chained, const Goal *goal, double *results, long size, "
     "int *failed",
     "derive": f"{_CASE}, const double *z, int refinements, int tube, double *jacobian, double *compliance",
-    "models": f"{_CASES}, const double *z, int count, int refinements, const Asked *const *asked, "
-    "const Answer *answers, int *failed",
+    "models": f"{_CASES}, const double *z, int count, int refinements, const Asked *asked, const Answer *answers, "
+    "int *failed",
     "stability": f"{_CASE}, const double *result, double *margin",
     "inspect": f"{_CASE}, const double *result, double *out",
     "integrate": f"{_CASE}, const double *z, int repeats, int derivative, double *tip",
 }
 """The exported functions, with their arguments in C."""
-
-
-def columns(struct: type[ctypes.Structure]) -> dict[str, slice]:
-    """Where the fields of a structure of doubles stand in a row of numbers."""
-    width = ctypes.sizeof(_DOUBLE)
-    parts = {str(name): getattr(struct, str(name)) for name, *_ in struct._fields_}
-    return {name: slice(at.offset // width, (at.offset + at.size) // width) for name, at in parts.items()}
-
-
-@cache
-def _kinds(struct: Any) -> dict[str, Any]:
-    return {str(name): kind for name, kind, *_ in struct._fields_}
-
-
-def filled(struct: Any, **values: Any) -> Any:
-    """A structure whose pointers are those of arrays, which the caller keeps alive."""
-    kinds = _kinds(struct)
-    pointers = {name: value.ctypes.data_as(kinds[name]) for name, value in values.items() if hasattr(value, "ctypes")}
-    return struct(**(values | pointers))
-
-
-def arguments(function: str) -> list[Any]:
-    """The ``ctypes`` of a function's arguments: every pointer is an address."""
-    whole = {"int": _INT, "long": ctypes.c_long}
-    return [ROOM if "*" in each else whole[each.split()[0]] for each in FUNCTIONS[function].split(", ")]
 
 
 @attrs.frozen
@@ -207,7 +139,7 @@ class Sizes:
 
     @classmethod
     def of(cls, tubes: int, kind: Kind) -> Sizes:
-        """Those of a number of tubes and a kind of loads."""
+        """Those of a number of tubes and a kind."""
         return cls(State.size(tubes), len(tip_rows(tubes, kind.live)))
 
     @cached_property
@@ -243,30 +175,49 @@ class Sizes:
     @property
     def expected(self) -> list[int]:
         """What the library's ``sizes`` writes."""
-        fields = [(struct, str(name)) for struct in _STRUCTS for name, *_ in struct._fields_]
-        offsets = [getattr(struct, name).offset for struct, name in fields]
-        return [self.states, self.unknowns, self.at("size", 1), *map(ctypes.sizeof, _STRUCTS), *offsets]
+        return [self.states, self.unknowns, self.at("size", 1), *map(ctypes.sizeof, _STRUCTS)]
+
+
+class Table:
+    """A structure at an ``address``, whose pointers are those of the arrays among its ``values``."""
+
+    def __init__(self, struct: Any, **values: Any) -> None:
+        self.values = values
+        kinds = dict(struct._fields_)
+        pointers = {name: x.ctypes.data_as(kinds[name]) for name, x in values.items() if hasattr(x, "ctypes")}
+        self._struct = struct(**(values | pointers))
+        self.address = ctypes.addressof(self._struct)
+
+
+def columns(struct: Any) -> dict[str, slice]:
+    """Where the fields of a structure of doubles stand in a row of numbers."""
+    return slices({name: ctypes.sizeof(kind) // ctypes.sizeof(_DOUBLE) for name, kind in struct._fields_})
+
+
+def arguments(function: str) -> list[Any]:
+    """The ``ctypes`` of a function's arguments: every pointer is an address."""
+    whole = {"int": _INT, "long": ctypes.c_long}
+    return [_ROOM if "*" in each else whole[each.split()[0]] for each in FUNCTIONS[function].split(", ")]
 
 
 def declarations() -> str:
     """C text: structures, enumerations and prototypes."""
-    parts = [_struct(struct) for struct in _STRUCTS]
-    parts += [enum({prefix + name: int(k) for name, k in table.items()}) for prefix, table in _ENUMS.items()]
-    parts += [f"enum {{ DIRECTIONS = {len(By)} }};\n", *(f"EXPORT int {n}({a});\n" for n, a in FUNCTIONS.items())]
-    fields = [f"offsetof({each.__name__}, {name})" for each in _STRUCTS for name, *_ in each._fields_]
-    values = ["NX", "NZ", "RESULT_SIZE(1)", *(f"sizeof({each.__name__})" for each in _STRUCTS), *fields]
-    parts.append(f"EXPORT void sizes(int *out) {{\n  const int values[] = {{{', '.join(values)}}};\n")
-    return "".join(parts) + "  memcpy(out, values, sizeof values);\n}\n" + _answer_of()
+    text = "".join(_declared_struct(struct) for struct in _STRUCTS)
+    text += "".join(enum({prefix + name: int(k) for name, k in table.items()}) for prefix, table in _ENUMS.items())
+    text += enum({"DIRECTIONS": len(By)}) + "".join(f"EXPORT int {n}({given});\n" for n, given in FUNCTIONS.items())
+    values = ["NX", "NZ", "RESULT_SIZE(1)", *(f"sizeof({struct.__name__})" for struct in _STRUCTS)]
+    text += f"EXPORT void sizes(int *out) {{\n  const int values[] = {{{', '.join(values)}}};\n"
+    return text + "  memcpy(out, values, sizeof values);\n}\n" + _answer_of()
 
 
-def _struct(struct: type[ctypes.Structure]) -> str:
-    fields = "".join(f"  {_declared(kind, str(name))};\n" for name, kind, *_ in struct._fields_)
+def _declared_struct(struct: Any) -> str:
+    fields = "".join(f"  {_declared(kind, name)};\n" for name, kind in struct._fields_)
     return f"typedef struct {{\n{fields}}} {struct.__name__};\n"
 
 
 def _declared(kind: Any, name: str) -> str:
     """A C declaration."""
-    if kind is ROOM:
+    if kind is _ROOM:
         return f"double *{name}"
     if issubclass(kind, ctypes.Array):
         return _declared(kind._type_, f"{name}[{kind._length_}]")

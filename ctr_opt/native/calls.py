@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from typing import Any
 
@@ -20,25 +20,21 @@ from . import abi
 _POINT, _SPAN = abi.columns(abi.PointLoad), abi.columns(abi.SpanLoad)
 
 
-class RobotTable:
+def robot_table(robot: Robot) -> abi.Table:
     """A robot as the compiled solver reads it."""
-
-    def __init__(self, robot: Robot) -> None:
-        shapes = [tube.shape for tube in robot.tubes]
-        degree = max(len(shape.coefficients) for shape in shapes) - 1
-        padded = [np.pad(c, ((0, degree + 1 - len(c)), (0, 0), (0, 0))) for c in (s.coefficients for s in shapes)]
-        self._arrays = {
-            "stiffness": np.array([[getattr(tube, name) for name in Stiffness.names()] for tube in robot.tubes]),
-            "pieces": np.concatenate(([0], np.cumsum([shape.coefficients.shape[1] for shape in shapes]))).astype(
-                np.intc
-            ),
-            "breaks": np.concatenate([shape.breaks for shape in shapes]),
-            "coefficients": np.concatenate([c.transpose(1, 0, 2).ravel() for c in padded]),
-            "position": robot.base_pose[:3, 3].copy(),
-            "orientation": robot.base_quaternion,
-        }
-        self._struct = abi.filled(abi.Robot, degree=degree, **self._arrays)
-        self.address = ctypes.addressof(self._struct)
+    shapes = [tube.shape for tube in robot.tubes]
+    size = max(len(shape.coefficients) for shape in shapes)
+    padded = [np.pad(c, ((0, size - len(c)), (0, 0), (0, 0))) for c in (shape.coefficients for shape in shapes)]
+    return abi.Table(
+        abi.Robot,
+        stiffness=np.array([[getattr(tube, name) for name in Stiffness.names()] for tube in robot.tubes]),
+        pieces=np.cumsum([0, *(shape.coefficients.shape[1] for shape in shapes)], dtype=np.intc),
+        degree=size - 1,
+        breaks=np.concatenate([shape.breaks for shape in shapes]),
+        coefficients=np.concatenate([c.transpose(1, 0, 2).ravel() for c in padded]),
+        position=robot.base_pose[:3, 3].copy(),
+        orientation=robot.base_quaternion,
+    )
 
 
 class LoadRows:
@@ -52,8 +48,8 @@ class LoadRows:
 
     def _hold(self, point: NDArray[np.float64], span: NDArray[np.float64]) -> None:
         self._point, self._span = point, span
-        self._struct = abi.filled(abi.Loads, points=len(point), spans=len(span), point=point, span=span)
-        self.address = ctypes.addressof(self._struct)
+        self._table = abi.Table(abi.Loads, points=len(point), spans=len(span), point=point, span=span)
+        self.address = self._table.address
 
     def placed(self, points: list[int], s: NDArray[np.float64]) -> LoadRows:
         """The same with some rows of points at other arc lengths."""
@@ -98,41 +94,6 @@ def _row(load: Load, push: Push) -> tuple[float, ...] | None:
         return None
     places = (np.nan if s is None else s for s in map(load.where, push.places))
     return (*places, push.tube, push.body, *push.force.tolist(), *push.moment.tolist())
-
-
-class Questions:
-    """What is asked of the model, one experiment after the other.
-
-    ``directions (experiments, k, 3)``: kinds, indices and components; ``tables``: changes of the robot's coefficients;
-    ``probes (experiments, k, 2)``: rows of point loads, and tubes.
-    """
-
-    def __init__(self, directions: NDArray[Any], tables: NDArray[Any], probes: NDArray[Any]) -> None:
-        self._arrays = [np.ascontiguousarray(each, dtype=np.intc) for each in (directions, probes)]
-        self._tables = np.ascontiguousarray(tables, dtype=np.float64)
-        asked, places = self._arrays
-        rows = [
-            abi.filled(abi.Asked, directions=a, count=len(a), tables=self._tables, probes=b, probe_count=len(b))
-            for a, b in zip(asked, places, strict=True)
-        ]
-        self._structs = (abi.Asked * len(rows))(*rows)
-        first, size = ctypes.addressof(self._structs), ctypes.sizeof(abi.Asked)
-        self._addresses = np.array([first + size * k for k in range(len(asked))], dtype=np.uintp)
-        self.addresses = self._addresses.ctypes.data
-
-
-class Answer:
-    """Room for what the model says of ``count`` experiments: arrays by name, but for those left out."""
-
-    def __init__(self, count: int, sizes: Mapping[str, int], left_out: Sequence[str]) -> None:
-        shapes = {
-            name: [sizes[n] if isinstance(n, str) else n for n in of]
-            for name, of in abi.ANSWER.items()
-            if name not in left_out
-        }
-        self.numbers = {name: np.empty((count, *shape)) for name, shape in shapes.items()}
-        self._struct = abi.filled(abi.Answer, **self.numbers)
-        self.address = ctypes.addressof(self._struct)
 
 
 class Native:

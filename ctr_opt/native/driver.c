@@ -218,11 +218,14 @@ static int model(const Robot *robot, const Loads *loads, const double *actuation
 /* The same for many experiments with as many directions and probes each; `failed` says of each what a single call would
    return. Returns how many failed. */
 EXPORT int models(const Robot *robot, const Loads *const *loads, const double *actuations, const double *z, int count,
-                  int refinements, const Asked *const *asked, const Answer *answers, int *failed) {
+                  int refinements, const Asked *asked, const Answer *answers, int *failed) {
   int failures = 0;
   for (int k = 0; k < count; k++) {
-    const Answer answer = answer_of(answers, k, NZ + asked[k]->count, asked[k]->probe_count);
-    failed[k] = model(robot, loads[k], actuations + k * 2 * TUBES, z + k * NZ, refinements, asked[k], answer);
+    const Answer answer = answer_of(answers, k, NZ + asked->count, asked->probe_count);
+    Asked here = *asked;
+    here.directions += (size_t)k * asked->count;
+    here.probes += (size_t)k * asked->probe_count;
+    failed[k] = model(robot, loads[k], actuations + k * 2 * TUBES, z + k * NZ, refinements, &here, answer);
     failures += failed[k] != 0;
   }
   return failures;

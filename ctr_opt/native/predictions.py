@@ -22,8 +22,8 @@ from ..mechanics.kind import constant_kind
 from ..robot.actuation import Actuation
 from ..robot.names import chosen, parameters, parsed
 from ..robot.robot import Robot
-from .abi import ANSWER
-from .calls import Answer, LoadRows, Questions, RobotTable
+from . import abi
+from .calls import LoadRows, robot_table
 from .directions import Directions, supported
 from .library import library
 
@@ -130,7 +130,7 @@ class Predictions:
         kind = constant_kind(load for _, loads in experiments for load in loads)
         self._native = library(len(robot.tubes), kind).built()
         self.unknowns = self._native.sizes.unknowns
-        self._table = RobotTable(robot)
+        self._table = robot_table(robot)
         every = zip(experiments, _each(probes, experiments), strict=True)
         places = [_places(robot, actuation, own) for (actuation, _), own in every]
         self._rows = [_rows(robot, loads, own) for (_, loads), own in zip(experiments, places, strict=True)]
@@ -145,9 +145,11 @@ class Predictions:
         self._combination = asked[0].combination
         self.parameters = self._combination.shape[1]
         self._plain = np.array_equal(self._combination, np.eye(len(self._combination)))
-        own = np.array([[(k, frame) for k, (*_, frame) in enumerate(each)] for each in places], dtype=np.intc)
+        frames = [[(k, frame) for k, (*_, frame) in enumerate(each)] for each in places]
+        own = np.array(frames, dtype=np.intc).reshape(len(asked), -1, 2)
         directions = np.array([each.rows for each in asked], dtype=np.intc).reshape(len(asked), -1, 3)
-        self._questions = Questions(directions, asked[0].tables, own.reshape(len(asked), -1, 2))
+        lists = {"directions": directions, "tables": np.ascontiguousarray(asked[0].tables), "probes": own}
+        self._asked = abi.Table(abi.Asked, **lists, count=directions.shape[1], probe_count=own.shape[1])
         self._sizes = len(asked), own.shape[1], directions.shape[1]
 
     def moved(self, robot: Robot, actuations: Array, places: Mapping[int, Array] | None = None) -> Predictions:
@@ -157,7 +159,7 @@ class Predictions:
         lengths ``(e,)`` by their numbers, each on the probe's tube.
         """
         other = copy(self)
-        other.robot, other._table, other._actuations = robot, RobotTable(robot), actuations
+        other.robot, other._table, other._actuations = robot, robot_table(robot), actuations
         if places:
             numbers, where = list(places), np.stack(list(places.values()), axis=1)
             other._rows = [rows.placed(numbers, own) for rows, own in zip(self._rows, where, strict=True)]
@@ -205,19 +207,21 @@ class Predictions:
         count, probes, directions = self._sizes
         z = np.ascontiguousarray(array(unknowns, "unknowns", (count, self.unknowns)))
         sizes = {"unknowns": self.unknowns, "columns": self.unknowns + directions, "probes": probes}
+        sizes["tubes"] = len(self.robot.tubes)
         left_out = [*([] if curvatures else _CURVATURES), *([] if forces else _FORCES)]
-        answer = Answer(count, sizes | {"tubes": len(self.robot.tubes)}, left_out)
+        shapes = {name: shape for name, shape in abi.ANSWER.items() if name not in left_out}
+        values = {name: np.empty([count, *(sizes.get(n, n) for n in shape)]) for name, shape in shapes.items()}
         failed = np.empty(count, dtype=np.intc)
         case = (self._table.address, self._addresses.ctypes.data, self._actuations.ctypes.data, z.ctypes.data, count)
-        questions = (self.refinements, self._questions.addresses)
-        if self._native.models(*case, *questions, answer.address, failed.ctypes.data):
-            for numbers in answer.numbers.values():
+        asked, answer = (self.refinements, self._asked.address), abi.Table(abi.Answer, **values)
+        if self._native.models(*case, *asked, answer.address, failed.ctypes.data):
+            for numbers in values.values():
                 numbers[failed != 0] = np.nan
-        return Predicted(failed=failed, **{name: self._combined(name, x) for name, x in answer.numbers.items()})
+        return Predicted(failed=failed, **{name: self._combined(name, x) for name, x in values.items()})
 
     def _combined(self, name: str, rates: Array) -> Array:
         """From derivatives by directions to those by parameters."""
-        if self._plain or ANSWER[name][-1] != "columns":
+        if self._plain or abi.ANSWER[name][-1] != "columns":
             return rates
         return np.concatenate((rates[..., : self.unknowns], rates[..., self.unknowns :] @ self._combination), axis=-1)
 

@@ -39,7 +39,7 @@ def test_a_definition_in_c_that_differs_does_not_compile(monkeypatch, tmp_path, 
     if change == "prototype":
         monkeypatch.setitem(abi.FUNCTIONS, "warm", abi.FUNCTIONS["warm"] + ", int more")
     else:
-        other = type("Goal", (ctypes.Structure,), {"_fields_": (("tolerance", ctypes.c_double),)})
+        other = abi._struct("Goal", tolerance=ctypes.c_double)
         monkeypatch.setattr(abi, "_STRUCTS", [other if each is abi.Goal else each for each in abi._STRUCTS])
     said = complaints(library_source(1, DEAD), tmp_path)
     assert ("conflicting types" if change == "prototype" else "no member named") in said
