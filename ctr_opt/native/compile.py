@@ -6,7 +6,6 @@ import ctypes
 import hashlib
 import json
 import logging
-import os
 import platform
 import sys
 import threading
@@ -167,25 +166,16 @@ def _processor() -> str:
 
 
 class Build:
-    """A library being built in a thread, that is never waited for unless asked, nor ever in the way.
+    """A library being built in a thread, which is never waited for unless asked; see :func:`load`.
 
-    ``error`` tells why there will be none; it was logged, once per process.
-
-    A process forked meanwhile has no such thread and starts its own when it asks; so does a copy by pickle.
+    ``error`` says why there will be none; it was logged, once per process.
     """
 
     def __init__(self, name: str, source: Source) -> None:
         self._name, self._source = name, source
         self._library: ctypes.CDLL | None = None
         self.error: Exception | None = None
-        self._begin()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Build, (self._name, self._source)
-
-    def _begin(self) -> None:
-        self._process = os.getpid()
-        self._thread = threading.Thread(target=self._work, name=f"ctr_opt compiles {self._name}", daemon=True)
+        self._thread = threading.Thread(target=self._work, name=f"ctr_opt compiles {name}", daemon=True)
         try:
             self._thread.start()
         except RuntimeError as error:  # no more threads, or the interpreter exits
@@ -204,26 +194,15 @@ class Build:
             return  # nobody to tell, the user's choice, or told when the compiler was looked for
         _warn_once(f"compilation failed, and CasADi's virtual machine is used, about ten times slower: {error}")
 
-    def _follow_fork(self) -> None:
-        if self._process != os.getpid() and self._library is None and self.error is None:
-            self._begin()
-
     def ready(self) -> bool:
         """Whether the library is there; does not wait."""
-        self._follow_fork()
         return self._library is not None
 
     def result(self, timeout: float | None = None) -> ctypes.CDLL | None:
         """The library, waited for at most ``timeout`` seconds; None if it is not there by then, or failed."""
-        self._follow_fork()
         if self._thread.ident is not None:
             self._thread.join(timeout)
         return self._library
-
-
-def start(name: str, source: Source) -> Build:
-    """Build a library in the background; see :func:`load`."""
-    return Build(name, source)
 
 
 def _warn_once(message: str) -> None:

@@ -51,7 +51,7 @@ class Library:
             library = compilation.kept(self._name, self._source)
         elif self._asked == _ENOUGH and compilation.compiler() is not None:
             _ = self._source.text  # written here and not in the thread: CasADi's symbols are of one thread
-            self._build = compilation.start(self._name, self._source)
+            self._build = compilation.Build(self._name, self._source)
         elif self._build is not None and self._build.ready():
             library = self._build.result()
         if library is not None:

@@ -5,7 +5,6 @@ import errno
 import hashlib
 import logging
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -19,7 +18,7 @@ from ctr_opt.errors import CompilationError
 from ctr_opt.native import cache as library_cache
 from ctr_opt.native import compile as compilation
 from ctr_opt.native import compiler as compilers
-from ctr_opt.native.compile import Source, compiler, load, start
+from ctr_opt.native.compile import Build, Source, compiler, load
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the compilers are shell scripts")
 
@@ -295,7 +294,7 @@ def test_without_a_compiler_it_is_said_once(tmp_path, monkeypatch, caplog):
     assert compiler() is None
     with pytest.raises(CompilationError, match=r"no C compiler found \(cc, gcc, clang\).*install gcc or clang"):
         load("answer", answer(42))
-    build = start("answer", Source(forty_two))
+    build = Build("answer", Source(forty_two))
     assert build.result() is None
     assert "no C compiler found" in str(build.error)
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
@@ -465,7 +464,7 @@ def test_entries_unused_for_long_are_forgotten(cache):
 def test_a_build_in_the_background(calls, tmp_path):
     gate = tmp_path / "gate"
     calls.does(f"while [ ! -e {gate} ]; do sleep 0.02; done")
-    build = start("answer", Source(forty_two))
+    build = Build("answer", Source(forty_two))
     calls.wait()
     assert not build.ready()
     assert build.result(timeout=0.0) is None
@@ -480,7 +479,7 @@ def fails():
 
 
 def test_a_background_build_that_fails_is_told_once_and_raises_nothing(caplog):
-    builds = [start("answer", Source(fails)) for _ in range(2)]
+    builds = [Build("answer", Source(fails)) for _ in range(2)]
     assert [build.result() for build in builds] == [None, None]
     assert not any(build.ready() for build in builds)
     assert all(isinstance(build.error, ValueError) for build in builds)
@@ -494,16 +493,9 @@ def test_no_more_threads(monkeypatch, caplog):
         raise RuntimeError("can't start new thread")
 
     monkeypatch.setattr(compilation.threading.Thread, "start", none_left)
-    build = start("answer", Source(forty_two))
+    build = Build("answer", Source(forty_two))
     assert build.result() is None
     assert "new thread" in caplog.text
-
-
-def test_a_copy_by_pickle_builds_its_own(calls):
-    build = start("answer", Source(forty_two))
-    copy = pickle.loads(pickle.dumps(build))
-    assert copy.result().answer() == build.result().answer() == 42
-    assert len(calls) == COMPILED
 
 
 def test_switched_off(monkeypatch, caplog, calls):
@@ -511,7 +503,7 @@ def test_switched_off(monkeypatch, caplog, calls):
     assert compiler() is None
     with pytest.raises(CompilationError, match="switched off by CTR_OPT_COMPILE=0"):
         load("answer", answer(42))
-    build = start("answer", Source(fails))
+    build = Build("answer", Source(fails))
     assert build.result() is None
     assert isinstance(build.error, CompilationError)
     assert not caplog.messages
@@ -520,8 +512,8 @@ def test_switched_off(monkeypatch, caplog, calls):
 
 EXIT = """
 import sys, time
-from ctr_opt.native.compile import Source, start
-build = start("answer", Source(sys.argv[1]))
+from ctr_opt.native.compile import Build, Source
+build = Build("answer", Source(sys.argv[1]))
 while not __import__("os").path.exists(sys.argv[2]):
     time.sleep(0.01)
 """
@@ -536,22 +528,26 @@ def test_exit_ends_an_unfinished_build(cache, calls):
 
 FORK = """
 import os, signal, sys, time
-from ctr_opt.native.compile import Source, start
+from ctr_opt.mechanics.kind import DEAD
+from ctr_opt.native import library as libraries
 signal.alarm(50)
-build = start("answer", Source(sys.argv[1]))
+libraries.library_source, libraries.Native = lambda *_: sys.argv[1], lambda library, *_: library
+parent = libraries.library(1, DEAD)
+for _ in range(libraries._ENOUGH):
+    assert parent.ready() is None
 while not os.path.exists(sys.argv[2]):
     time.sleep(0.01)
 if os.fork() == 0:
-    assert not build.ready()
     signal.alarm(50)
+    child = libraries.library(1, DEAD)
+    assert child.ready() is None
     open(sys.argv[3], "w").close()
-    assert build.result().answer() == 42
-    assert build.ready()
+    assert child.built().answer() == 42
     print("child", flush=True)
     sys.exit()
 if sys.argv[4] == "killed":
     os.kill(os.getpid(), signal.SIGKILL)
-assert build.result().answer() == 42
+assert parent._build.result().answer() == 42
 assert os.wait()[1] == 0
 print("parent")
 """

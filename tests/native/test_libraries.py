@@ -43,7 +43,7 @@ def test_many_solves_are_worth_a_library_and_few_are_not(fresh):
     begun = []
     fresh.setattr(compilation, "kept", lambda *_: None)
     fresh.setattr(libraries, "library_source", lambda *_: "int nothing;")
-    fresh.setattr(compilation, "start", lambda *given: begun.append(given) or _Unfinished())
+    fresh.setattr(compilation, "Build", lambda *given: begun.append(given) or _Unfinished())
     problem = ctr.ForwardProblem(rod())
     for k in range(1, libraries._ENOUGH):
         assert not compiled(problem)
