@@ -161,11 +161,6 @@ class Sizes:
         fixed, each = self._blocks[block]
         return fixed + each * steps
 
-    @cached_property
-    def start_at(self) -> int:
-        """Bytes in front of the block that a solve may start from."""
-        return ctypes.sizeof(_DOUBLE) * self.at("start", 0)
-
     def results(self) -> str:
         """C text: where the blocks of results begin, and the parts of ``start``."""
         parts = {f"START_{name.upper()}": part.start for name, part in self.start.items()}

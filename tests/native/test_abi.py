@@ -67,7 +67,7 @@ def test_rows_of_numbers_are_the_structures():
 @needs_compiler
 def test_a_result_is_as_long_as_the_solver_says():
     problem = ctr.ForwardProblem(rod(), compiled=True)
-    numbers, sizes = problem.solve(held())._numbers, abi.Sizes.of(1, DEAD)
+    numbers, sizes = problem.solve(held()).record.numbers, abi.Sizes.of(1, DEAD)
     assert sizes.at("size", int(numbers[abi.Head.STEPS])) == numbers[abi.Head.NEEDED]
     assert sizes.states == 14
     assert sizes.unknowns == 3
