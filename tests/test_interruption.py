@@ -1,12 +1,11 @@
 """A run that is killed or interrupted leaves its output whole, as it was, or absent; never half of it."""
 
-import functools
 import json
 import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -72,6 +71,21 @@ main()
 """
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+
+
+@contextmanager
+def interrupts(answer):
+    """How processes started meanwhile answer SIGINT: they inherit that it is ignored, and nothing else."""
+    before = signal.signal(signal.SIGINT, answer)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(autouse=True)
+def heard():
+    """Also where the tests run in the background, which shells let ignore SIGINT."""
+    with interrupts(signal.default_int_handler):
+        yield
 
 
 def started(*arguments):
@@ -171,7 +185,7 @@ def test_signals_that_the_parent_ignores_stay_ignored(tmp_path, arc_length):
     """As under nohup."""
     shape = tmp_path / "shape.csv"
     run = [sys.executable, "-c", AT, "text.py", "_umask", "SIGINT", "solve", PROBLEM, "--output", str(shape)]
-    ignore = functools.partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
-    done = subprocess.run(run, capture_output=True, check=False, timeout=60, preexec_fn=ignore)
+    with interrupts(signal.SIG_IGN):
+        done = subprocess.run(run, capture_output=True, check=False, timeout=60)
     assert done.returncode == 0
     assert np.array_equal(np.genfromtxt(shape, delimiter=",", names=True)["s"], arc_length)
