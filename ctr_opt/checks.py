@@ -45,8 +45,10 @@ def number(
     return result
 
 
-def array(value: Any, field: str, shape: tuple[int | None, ...], *, unit: str = "") -> Array:
-    """``value`` as a finite, read-only float array; ``None`` in ``shape`` stands for any size."""
+def array(
+    value: Any, field: str, shape: tuple[int | None, ...], *, above: float | None = None, unit: str = ""
+) -> Array:
+    """``value`` as a finite, read-only float array above a bound; ``None`` in ``shape`` stands for any size."""
     try:
         given = np.array(value)
         if given.dtype.kind not in "iuf":
@@ -57,11 +59,22 @@ def array(value: Any, field: str, shape: tuple[int | None, ...], *, unit: str = 
     if result.ndim != len(shape) or any(size not in (None, got) for size, got in zip(shape, result.shape, strict=True)):
         raise DefinitionError(f"{field} has shape {result.shape}, but must have shape {_wanted(shape)}")
     if not (np.abs(result) <= _LARGEST).all():
-        bad = np.argwhere(~(np.abs(result) <= _LARGEST))
-        where = ", ".join(str(int(i)) for i in bad[0])
-        raise DefinitionError(f"{field}[{where}] = {result[tuple(bad[0])]} must be a finite number{_in(unit)}")
+        entry, bad = _first(np.abs(result) <= _LARGEST, result)
+        raise DefinitionError(f"{field}[{entry}] = {bad} must be a finite number{_in(unit)}")
+    if above is not None and not (result > above).all():
+        entry, bad = _first(result > above, result)
+        raise DefinitionError(f"{field}[{entry}] = {bad:g}{_spaced(unit)} must be above {above:g}")
     result.setflags(write=False)
     return result
+
+
+def direction(value: Any, field: str) -> Array:
+    """``value`` as a unit vector ``(3,)``, given at any length but zero."""
+    given = array(value, field, (3,))
+    size = float(np.linalg.norm(given))
+    if size == 0.0:
+        raise DefinitionError(f"{field} = {given.tolist()} is zero, but must be a direction")
+    return given / size
 
 
 def rigid(value: Any, field: str) -> Array:
@@ -83,12 +96,6 @@ def rigid(value: Any, field: str) -> Array:
     return pose
 
 
-def _wanted(shape: tuple[int | None, ...]) -> str:
-    return (
-        "(" + ", ".join("k" if size is None else str(size) for size in shape) + ("," if len(shape) == 1 else "") + ")"
-    )
-
-
 def choice(value: Any, field: str, allowed: tuple[str, ...]) -> str:
     """``value`` if it is one of ``allowed``."""
     if not isinstance(value, str) or value not in allowed:
@@ -104,29 +111,26 @@ def flag(value: Any, field: str) -> bool:
     return value
 
 
+def whole(value: Any, field: str, least: int, most: float = np.inf, *, meaning: str = "") -> int:
+    """``value`` as an integer ``least <= value <= most``; ``meaning`` is what an error says that it must be."""
+    try:
+        if isinstance(value, bool) or int(value) != value or not least <= value <= most:
+            raise ValueError
+        return int(value)
+    except (TypeError, ValueError, OverflowError):
+        wanted = meaning or f"a whole number, at least {least}" + (f" and at most {most}" if most < np.inf else "")
+        raise DefinitionError(f"{field} = {value!r} must be {wanted}") from None
+
+
 def index(value: Any, field: str, size: int | None = None) -> int:
     """``value`` as an index ``0 <= value < size``."""
-    try:
-        if isinstance(value, bool):
-            raise TypeError
-        result = int(value)
-        whole = result == value
-    except (TypeError, ValueError, OverflowError):
-        result, whole = 0, False
-    if not whole or result < 0 or (size is not None and result >= size):
-        top = "" if size is None else f" from 0 to {size - 1}"
-        raise DefinitionError(f"{field} = {value!r} must be the index of a tube{top}, 0 being the innermost")
-    return result
+    top, most = ("", np.inf) if size is None else (f" from 0 to {size - 1}", size - 1)
+    return whole(value, field, 0, most, meaning=f"the index of a tube{top}, 0 being the innermost")
 
 
 def _range(above: float | None, least: float | None, most: float | None, unit: str) -> str:
-    bounds = []
-    if above is not None:
-        bounds.append(f"above {above:g}")
-    if least is not None:
-        bounds.append(f"at least {least:g}")
-    if most is not None:
-        bounds.append(f"at most {most:g}")
+    given = (("above", above), ("at least", least), ("at most", most))
+    bounds = [f"{name} {bound:g}" for name, bound in given if bound is not None]
     return "a finite number" + _in(unit) + (", " + " and ".join(bounds) if bounds else "")
 
 
@@ -136,6 +140,16 @@ def _in(unit: str) -> str:
 
 def _spaced(unit: str) -> str:
     return f" {unit}" if unit else ""
+
+
+def _wanted(shape: tuple[int | None, ...]) -> str:
+    return str(shape).replace("None", "k")
+
+
+def _first(good: Any, values: Array) -> tuple[str, float]:
+    """The place of the first entry that is not good, and the entry."""
+    place = tuple(np.argwhere(~good)[0].tolist())
+    return ", ".join(map(str, place)), float(values[place])
 
 
 def _short(value: Any) -> str:
