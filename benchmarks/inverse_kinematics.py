@@ -16,6 +16,7 @@ from scipy.optimize import least_squares
 
 import ctr_opt as ctr
 from ctr_opt.kinematics.limits import Allowed, joints_of
+from ctr_opt.kinematics.search import Point
 from ctr_opt.kinematics.targets import LENGTH, Target
 
 PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
@@ -80,7 +81,7 @@ class Bench:
 
     def errors(self, answer, target):
         """Distance and angle of the answer's tip from a target, solved anew."""
-        return target.errors(self.exact.solve(answer.actuation, self.loads, answer.equilibrium))
+        return Point(self.exact.solve(answer.actuation, self.loads, answer.equilibrium), target).errors
 
 
 @attrs.define(eq=False)

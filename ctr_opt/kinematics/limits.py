@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import Any
 
 import attrs
@@ -90,8 +90,7 @@ class Allowed:
     def of(cls, robot: Robot, limits: JointLimits, loads: Sequence[Load] = ()) -> Allowed:
         """Those of a robot, on whose tubes the loads must find their places."""
         lower, upper = _bounds(robot, limits, loads)
-        every = [*_of_bounds(lower, upper), *_of_gaps(robot, limits)]
-        rows, most, names = zip(*every, strict=True)
+        rows, most, names = zip(*_of_bounds(lower, upper), *_of_gaps(robot, limits), strict=True)
         return cls(np.array(rows), np.array(most), names, lower, upper)
 
     def room(self, joints: Array) -> Array:
@@ -100,11 +99,11 @@ class Allowed:
 
     def active(self, joints: Array) -> tuple[str, ...]:
         """The names of the limits that are met."""
-        return tuple(name for name, left in zip(self.names, self.room(joints), strict=True) if left <= _ROUNDING)
+        return tuple(compress(self.names, self.room(joints) <= _ROUNDING))
 
     def exceeded(self, joints: Array) -> tuple[str, ...]:
         """The names of the limits that are not kept, by more than rounding."""
-        return tuple(name for name, left in zip(self.names, self.room(joints), strict=True) if left < -_ROUNDING)
+        return tuple(compress(self.names, self.room(joints) < -_ROUNDING))
 
     def beyond(self, joints: Array, weights: Array) -> Array:
         """How far joints ``(k, 2 tubes)`` are beyond each limit, in weights, ``(k, limits)``."""
@@ -156,62 +155,50 @@ class Allowed:
 
 def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[Array, Array]:
     """Least and most of every joint; the tubes reach beyond the loads on them."""
-    tubes = len(robot.tubes)
-    lengths = np.array([tube.length for tube in robot.tubes])
-    lower, upper = np.full(2 * tubes, -np.inf), np.full(2 * tubes, np.inf)
-    lower[tubes:], upper[tubes:] = _REACH - lengths, 0.0
-    if limits.rotations is not None:
-        _check_count(limits.rotations, "rotations", tubes)
-        lower[:tubes], upper[:tubes] = limits.rotations.T
-    if limits.translations is not None:
-        _check_translations(robot, limits.translations)
-        lower[tubes:], upper[tubes:] = limits.translations.T
-    for k, load in enumerate(loads):
-        places = [getattr(load, field, None) for field in ("arc_length", "start", "end")]
-        for place in places:
-            tube = getattr(load, "tube", tubes)
-            if place is not None and tube < tubes:
-                lower[tubes + tube] = max(lower[tubes + tube], place - lengths[tube] + _REACH)
-                if lower[tubes + tube] > upper[tubes + tube]:
-                    most = lengths[tube] + upper[tubes + tube] - _REACH
-                    raise DefinitionError(
-                        f"loads[{k}] acts at {place:g} m on tube {tube}, but must be at most at {most:g} m"
-                    )
-    return lower, upper
-
-
-def _check_translations(robot: Robot, ranges: Array) -> None:
-    _check_count(ranges, "translations", len(robot.tubes))
-    for i, (tube, (low, high)) in enumerate(zip(robot.tubes, ranges, strict=True)):
+    tubes, lengths = len(robot.tubes), [tube.length for tube in robot.tubes]
+    bounds = np.array([*[(-np.inf, np.inf)] * tubes, *((_REACH - length, 0.0) for length in lengths)])
+    for field, part in (("rotations", bounds[:tubes]), ("translations", bounds[tubes:])):
+        ranges = getattr(limits, field)
+        if ranges is not None:
+            if len(ranges) != tubes:
+                raise DefinitionError(f"limits: {field} has {len(ranges)} rows, but the robot has {tubes} tubes")
+            part[:] = ranges
+    lower, upper = bounds.T
+    for i, (tube, (low, high)) in enumerate(zip(robot.tubes, bounds[tubes:], strict=True)):
         if low <= -tube.length or high > 0.0:
             raise DefinitionError(
                 f"limits: translations[{i}] = [{low:g}, {high:g}] m must be above -{tube.length:g} m, the length of "
                 f"tube {i} ({tube.name!r}), and at most 0"
             )
-
-
-def _check_count(ranges: Array, field: str, tubes: int) -> None:
-    if len(ranges) != tubes:
-        raise DefinitionError(f"limits: {field} has {len(ranges)} rows, but the robot has {tubes} tubes")
+    for k, load in enumerate(loads):
+        for place in (getattr(load, field) for field in getattr(load, "places", ())):  # solves refuse what is no load
+            carrier = getattr(load, "tube", tubes)
+            if place is not None and carrier < tubes:
+                joint, length = tubes + carrier, lengths[carrier]
+                lower[joint] = max(lower[joint], place - length + _REACH)
+                if lower[joint] > upper[joint]:
+                    most = length + upper[joint] - _REACH
+                    raise DefinitionError(
+                        f"loads[{k}] acts at {place:g} m on tube {carrier}, but must be at most at {most:g} m"
+                    )
+    return lower, upper
 
 
 def _of_bounds(lower: Array, upper: Array) -> Iterator[tuple[Array, float, str]]:
     tubes = len(lower) // 2
-    for k, (least, most) in enumerate(zip(lower, upper, strict=True)):
+    for k, row in enumerate(np.eye(2 * tubes)):
         name, unit = (f"rotations[{k}]", "rad") if k < tubes else (f"translations[{k - tubes}]", "m")
-        row = np.zeros(2 * tubes)
-        row[k] = 1.0
-        if np.isfinite(most):
-            yield row, most, f"{name} at most {most:g} {unit}"
-        if np.isfinite(least):
-            yield -row, -least, f"{name} at least {least:g} {unit}"
+        if np.isfinite(upper[k]):
+            yield row, upper[k], f"{name} at most {upper[k]:g} {unit}"
+        if np.isfinite(lower[k]):
+            yield -row, -lower[k], f"{name} at least {lower[k]:g} {unit}"
 
 
 def _of_gaps(robot: Robot, limits: JointLimits) -> Iterator[tuple[Array, float, str]]:
     tubes = len(robot.tubes)
+    translations = np.eye(2 * tubes)[tubes:]
     for i, (inner, outer) in enumerate(pairwise(robot.tubes)):
-        row = np.zeros(2 * tubes)
-        row[tubes + i], row[tubes + i + 1] = 1.0, -1.0
+        row = translations[i] - translations[i + 1]
         if limits.base_gap is not None:
             yield row, -limits.base_gap, f"base of tube {i} at least {limits.base_gap:g} m behind that of tube {i + 1}"
         if limits.tip_gap is not None:
@@ -222,3 +209,9 @@ def _of_gaps(robot: Robot, limits: JointLimits) -> Iterator[tuple[Array, float, 
 def joints_of(actuation: Actuation) -> Array:
     """Rotations (rad), then translations (m), in one vector."""
     return np.concatenate((actuation.rotations, actuation.translations))
+
+
+def actuation_of(joints: Array) -> Actuation:
+    """The actuation of joints in one vector."""
+    tubes = len(joints) // 2
+    return Actuation(joints[:tubes], joints[tubes:])

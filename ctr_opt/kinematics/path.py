@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import attrs
 import numpy as np
 
-from ..checks import Array, array, rigid
+from ..checks import Array, array
 from ..errors import DefinitionError
 from ..forward.equilibrium import Equilibrium
 from .limits import joints_of
 from .result import InverseKinematicsPath, InverseKinematicsStatus
-from .search import Ending, Point, Search
+from .search import Ending, Point, TipSearch
 from .starts import loaded
 from .targets import Target
 
@@ -35,30 +36,21 @@ class Follower:
     points: list[Point] = attrs.field(factory=list)
     waypoints: list[int] = attrs.field(factory=list)
 
-    def advance(self, here: Equilibrium, search: Search) -> Equilibrium:
-        """From a shape to the target of a search, over places in between where steps would be too long."""
-        shape = loaded(search, here)
-        if shape is None:
-            raise Broken("the robot snaps when the loads change")
-        start, done, part = search.target.at(shape), 0.0, 1.0
-        while done < 1.0:
-            place = search.target if done + part == 1.0 else start.toward(search.target, done + part)
-            point, why = self._step(shape, attrs.evolve(search, target=place))
-            if not why:
-                self.points.append(point)
-                shape, done = point.equilibrium, done + part
-                part = min(2.0 * part, 1.0 - done)
-                continue
-            part *= 0.5
-            if part < _LEAST_PART:
-                raise Broken(why)
-        self.waypoints.append(len(self.points) - 1)
-        return shape
+    def follow(self, searches: Sequence[TipSearch], here: Equilibrium) -> InverseKinematicsPath:
+        """From a shape through the targets that are left, one search for each."""
+        for k in range(len(self.waypoints), len(searches)):
+            try:
+                here = self._advance(here, searches[k])
+            except Broken as broken:
+                return self.broken(k, str(broken))
+        return self._path("")
 
-    def path(self, message: str) -> InverseKinematicsPath:
-        """What has been found; with a message: where it breaks off."""
-        errors = [point.target.errors(point.equilibrium) for point in self.points]
-        position, angle = np.array(errors).reshape(-1, 2).T
+    def broken(self, target: int, why: str) -> InverseKinematicsPath:
+        """The path up to where it breaks off."""
+        return self._path(f"the path breaks off on the way to targets[{target}]: {why}")
+
+    def _path(self, message: str) -> InverseKinematicsPath:
+        position, angle = np.array([point.errors for point in self.points]).reshape(-1, 2).T
         return InverseKinematicsPath(
             actuations=np.array([point.joints for point in self.points]).reshape(-1, len(self.longest)),
             equilibria=tuple(point.equilibrium for point in self.points),
@@ -69,42 +61,54 @@ class Follower:
             message=message,
         )
 
-    def _step(self, here: Equilibrium, search: Search) -> tuple[Point, str]:
-        """The next point, and why it is none."""
+    def _advance(self, here: Equilibrium, search: TipSearch) -> Equilibrium:
+        """From a shape to the target of a search, over places in between where steps would be too long."""
+        shape = loaded(search, here)
+        if shape is None:
+            raise Broken("the robot snaps when the loads change")
+        start, done, part = search.target.at(shape), 0.0, 1.0
+        while done < 1.0:
+            place = search.target if done + part == 1.0 else start.toward(search.target, done + part)
+            try:
+                point = self._next(shape, attrs.evolve(search, target=place))
+            except Broken:
+                part *= 0.5
+                if part < _LEAST_PART:
+                    raise
+                continue
+            self.points.append(point)
+            shape, done = point.equilibrium, done + part
+            part = min(2.0 * part, 1.0 - done)
+        self.waypoints.append(len(self.points) - 1)
+        return shape
+
+    def _next(self, here: Equilibrium, search: TipSearch) -> Point:
+        """The next point, at the target of a search; an error says why there is none."""
         start, before = Point(here, search.target), joints_of(here.actuation)
-        point, ending = search.reach(start)
-        if ending is not Ending.REACHED:
-            return point, _with_limits(ending.value, search, point)
+        point = search.reach(start)
+        if point.ending is not Ending.REACHED:
+            raise Broken(point.ending.value + search.limits_at(point))
         point = search.settle(point, before)
-        if not search.stable(point):
-            return point, "the shape becomes unstable"
+        if not point.stable:
+            raise Broken("the shape becomes unstable")
         if (np.abs(point.joints - before) > self.longest).any():
-            return point, _with_limits("the joints would have to jump", search, point)
+            raise Broken("the joints would have to jump" + search.limits_at(point))
         straight = search.moved(start, search.weights * (point.joints - before))
         if straight is None or not search.met(straight, _SAME):
-            return point, "the robot would snap on the way of the joints"
-        return point, ""
-
-
-def _with_limits(why: str, search: Search, point: Point) -> str:
-    met = search.allowed.active(point.joints)
-    return f"{why}; at its limits: {', '.join(met)}" if met else why
+            raise Broken("the robot would snap on the way of the joints")
+        return point
 
 
 def targets_of(targets: Any, axes: Any) -> list[Target]:
     """Positions ``(k, 3)``, with or without axes, or poses ``(k, 4, 4)``, as targets."""
-    if np.ndim(targets) == 3:
-        if axes is not None:
-            raise DefinitionError("axes belong to positions: poses have axes of their own")
-        poses = array(targets, "targets", (None, 4, 4), unit="m")
-        made = [Target.of(None, None, rigid(pose, f"targets[{k}]")) for k, pose in enumerate(poses)]
-    else:
-        positions = array(targets, "targets", (None, 3), unit="m")
-        wanted = [None] * len(positions) if axes is None else array(axes, "axes", (len(positions), 3))
-        for k, axis in enumerate(wanted):
-            if axis is not None and not axis.any():
-                raise DefinitionError(f"axes[{k}] is zero: it must be a direction")
-        made = [Target.of(p, axis, None) for p, axis in zip(positions, wanted, strict=True)]
-    if not made:
+    posed = np.ndim(targets) == 3
+    if posed and axes is not None:
+        raise DefinitionError("axes belong to positions: poses have axes of their own")
+    places = array(targets, "targets", (None, 4, 4) if posed else (None, 3), unit="m")
+    if not len(places):
         raise DefinitionError("targets is empty")
-    return made
+    directions = [None] * len(places) if axes is None else array(axes, "axes", (len(places), 3))
+    given = enumerate(zip(places, directions, strict=True))
+    return [
+        Target.of(place, axis, None, (f"targets[{k}]", f"axes[{k}]", f"targets[{k}]")) for k, (place, axis) in given
+    ]

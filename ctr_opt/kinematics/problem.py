@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import Array, array, choice, flag, number
+from ..checks import Array, array, choice, flag, number, whole
 from ..errors import CompilationError, DefinitionError, SolveError
 from ..forward.batch.rows import rows_of_loads
 from ..forward.equilibrium import Equilibrium
@@ -18,16 +18,14 @@ from ..forward.solver import as_loads
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
-from .answers import CRITERIA, answered, best
-from .limits import Allowed, JointLimits, joints_of
-from .path import Broken, Follower, targets_of
-from .result import InverseKinematicsPath, InverseKinematicsResult
-from .search import Ending, Point, Search
+from .limits import Allowed, JointLimits, actuation_of, joints_of
+from .path import Follower, targets_of
+from .result import CRITERIA, InverseKinematicsPath, InverseKinematicsResult, best
+from .search import Point, TipSearch
 from .starts import Starts
 from .targets import LENGTH, Target
 
 _FORWARD, _LEAST_FORWARD = 0.1, 1e-7  # errors of the forward solves: over the tolerance, and over the length
-_BREAKS = "the path breaks off on the way to targets[{}]: {}"
 
 
 class InverseKinematicsProblem:
@@ -93,13 +91,13 @@ class InverseKinematicsProblem:
         accepted = number(tolerance, "tolerance", least=1e-9, most=1e-2, unit="m")
         self.tolerances = accepted, number(angle_tolerance, "angle_tolerance", least=1e-8, most=1.0, unit="rad")
         self.criterion = choice(criterion, "criterion", tuple(CRITERIA))
-        if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-            raise DefinitionError(f"starts = {starts!r} must be a whole number, at least 1")
-        self.starts = starts
+        self.starts = whole(starts, "starts", 1)
         wanted = compiled if compiled is None else flag(compiled, "compiled")
         self.forward = _forward(robot, accepted, wanted)
         self.robot, self.limits = robot, limits or JointLimits()
-        self.weights = _weights(weights, len(robot.tubes))
+        tubes = len(robot.tubes)
+        usual = np.repeat([1.0, 1.0 / LENGTH], tubes)
+        self.weights = usual if weights is None else array(weights, "weights", (2 * tubes,), above=0.0)
         self._allowed = Allowed.of(robot, self.limits)
         self.home = self._home_of(home)
         self._starts = Starts(self.forward, self._allowed, joints_of(self.home))
@@ -181,22 +179,21 @@ class InverseKinematicsProblem:
             The path breaks off: where and why; ``.result`` is the path up to there.
         """
         places = targets_of(targets, axes)
-        given = [each if isinstance(each, Load) else as_loads(each) for each in as_loads(loads)]
-        every = rows_of_loads(given, len(places))
-        searches = [self.search(target, own) for target, own in zip(places, every, strict=True)]
-        longest = np.repeat(_longest(longest_step), len(self.robot.tubes))
+        given = [entry if isinstance(entry, Load) else as_loads(entry) for entry in as_loads(loads)]
+        searches = [self.search(*row) for row in zip(places, rows_of_loads(given, len(places)), strict=True)]
+        longest = np.repeat(array(longest_step, "longest_step", (2,), above=0.0), len(self.robot.tubes))
         if initial is None:
             path = self._from_anywhere(searches, longest)
         else:
-            path = _followed(searches, self._checked(initial), Follower(longest))
+            path = Follower(longest).follow(searches, self._checked(initial))
         if throw and not path.converged:
             raise SolveError(path.message, path)
         return path
 
-    def search(self, target: Target, loads: tuple[Load, ...]) -> Search:
+    def search(self, target: Target, loads: tuple[Load, ...]) -> TipSearch:
         """The way to a target, for code that takes it from a start of its own."""
         allowed = Allowed.of(self.robot, self.limits, loads) if loads else self._allowed
-        return Search(self.forward, loads, allowed, self.weights, target, self.tolerances)
+        return TipSearch(self.forward, loads, allowed, self.weights, target, self.tolerances)
 
     # -- internals -------------------------------------------------------------------------------------------------
 
@@ -204,35 +201,36 @@ class InverseKinematicsProblem:
         begin = perf_counter()
         reference = joints_of(self.home if initial is None else initial.actuation)
         search = self.search(target, loads)
-        found: list[tuple[Point, Ending]] = []
+        ends: list[Point] = []
         for start in self._starts.points(search, initial, reference, self.starts):
-            found.append(search.reach(start))
-            if self.criterion == "nearest" and search.reached(*found[-1]):
+            ends.append(search.reach(start))
+            if self.criterion == "nearest" and ends[-1].answers:
                 break
-        point, ending = best(search, found, self.criterion, reference)
-        return answered(search, point, ending, reference, starts=len(found), solve_time=perf_counter() - begin)
+        point = best(search, ends, self.criterion, reference)
+        seconds = perf_counter() - begin
+        return InverseKinematicsResult.of(search, point, reference, starts=len(ends), solve_time=seconds)
 
-    def _from_anywhere(self, searches: list[Search], longest: Array) -> InverseKinematicsPath:
+    def _from_anywhere(self, searches: list[TipSearch], longest: Array) -> InverseKinematicsPath:
         """A path that begins at its first target, with the answer from which it leads to the last, or furthest."""
         first, home, furthest = searches[0], joints_of(self.home), None
         for start in self._starts.points(first, None, home, self.starts):
-            point, ending = first.reach(start)
-            if not first.reached(point, ending):
+            point = first.reach(start)
+            if not point.answers:
                 continue
             point = first.settle(point, home)
-            path = _followed(searches, point.equilibrium, Follower(longest, [point], [0]))
+            path = Follower(longest, [point], [0]).follow(searches, point.equilibrium)
             if furthest is None or len(path.waypoints) > len(furthest.waypoints):
                 furthest = path
             if path.converged:
                 break
-        return furthest or Follower(longest).path(_BREAKS.format(0, "it is reached from no start"))
+        return furthest or Follower(longest).broken(0, "it is reached from no start")
 
     def _home_of(self, given: Actuation | None) -> Actuation:
         tubes = len(self.robot.tubes)
         if given is None:
             middle = [-0.5 * tube.length for tube in self.robot.tubes]
             joints = self._allowed.nearest(np.concatenate((np.zeros(tubes), middle)), self.weights)
-            return Actuation(*np.split(joints, 2))
+            return actuation_of(joints)
         if not isinstance(given, Actuation) or len(given.rotations) != tubes:
             raise DefinitionError(f"home = {given!r} must be an Actuation of {tubes} tubes")
         self._check_limits(given, "home")
@@ -250,16 +248,6 @@ class InverseKinematicsProblem:
             raise DefinitionError(f"{field} = {actuation!r} exceeds the limits: {'; '.join(exceeded)}")
 
 
-def _followed(searches: list[Search], here: Equilibrium, follower: Follower) -> InverseKinematicsPath:
-    """From a shape through the targets that are left."""
-    for k in range(len(follower.waypoints), len(searches)):
-        try:
-            here = follower.advance(here, searches[k])
-        except Broken as broken:
-            return follower.path(_BREAKS.format(k, broken))
-    return follower.path("")
-
-
 def _forward(robot: Robot, tolerance: float, compiled: bool | None) -> ForwardProblem:
     """Forward solves that are accurate enough, compiled where that is wanted and possible."""
     if not isinstance(robot, Robot):
@@ -270,18 +258,3 @@ def _forward(robot: Robot, tolerance: float, compiled: bool | None) -> ForwardPr
         with suppress(CompilationError):
             forward.compile()
     return forward
-
-
-def _longest(given: Any) -> Array:
-    steps = array(given, "longest_step", (2,))
-    if steps.min() <= 0.0:
-        raise DefinitionError(f"longest_step = {steps.tolist()} must be above 0: rotation (rad) and translation (m)")
-    return steps
-
-
-def _weights(given: Any, tubes: int) -> Array:
-    weights = np.repeat([1.0, 1.0 / LENGTH], tubes) if given is None else array(given, "weights", (2 * tubes,))
-    if weights.min() <= 0.0:
-        k = int(weights.argmin())
-        raise DefinitionError(f"weights[{k}] = {weights[k]:g} must be above 0")
-    return weights

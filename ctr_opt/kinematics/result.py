@@ -1,19 +1,30 @@
-"""What inverse kinematics answers: an actuation, its shape, and how near that is to the target; a path of them."""
+"""What inverse kinematics answers: an actuation, its shape, and how near it is to the target; a path of them."""
 
 from __future__ import annotations
 
-from enum import Enum
+from collections.abc import Callable, Sequence
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import Array
+from ..errors import SolveError
 from ..forward.equilibrium import Equilibrium
 from ..robot.actuation import Actuation
+from ..solvers.status import Advised
+from .search import Ending, Point, TipSearch
+
+CRITERIA: dict[str, Callable[[Point, float], float]] = {
+    "nearest": lambda _, distance: distance,
+    "distance": lambda _, distance: distance,
+    "torsion": lambda point, _: float(np.abs(point.equilibrium.last_iterate.torsional).max()),
+    "stability": lambda point, _: -(point.equilibrium.stability or 0.0),
+}
+"""What is least for the answer that is chosen, by a point and its distance from where the search began."""
 
 
-class InverseKinematicsStatus(Enum):
+class InverseKinematicsStatus(Advised):
     """How it ended.
 
     >>> InverseKinematicsStatus.CONVERGED.advice
@@ -29,10 +40,6 @@ class InverseKinematicsStatus(Enum):
         "the path breaks off",
         "go around that place, begin elsewhere with `initial`, or allow longer steps",
     )
-
-    def __init__(self, description: str, advice: str) -> None:
-        self.description = description
-        self.advice = advice
 
 
 @attrs.frozen(eq=False, kw_only=True, repr=False)
@@ -68,6 +75,30 @@ class InverseKinematicsResult:
     distance: float
     starts: int
     solve_time: float
+
+    @classmethod
+    def of(
+        cls, search: TipSearch, point: Point, reference: Array, *, starts: int, solve_time: float
+    ) -> InverseKinematicsResult:
+        """The end of a search as its answer; ``reference`` are the joints where it began."""
+        (position, angle), reached = point.errors, point.ending is Ending.REACHED
+        turned = f" and {np.rad2deg(angle):.3g} deg" if search.target.turns else ""
+        why = (
+            f"the nearest stable shape found from {starts} start{'s' if starts > 1 else ''} leaves the tip "
+            f"{1e3 * position:.3g} mm{turned} from the target: {point.ending.value}{search.limits_at(point)}"
+        )
+        return cls(
+            actuation=point.equilibrium.actuation,
+            equilibrium=point.equilibrium,
+            position_error=position,
+            angle_error=angle,
+            status=InverseKinematicsStatus.CONVERGED if reached else InverseKinematicsStatus.UNREACHABLE,
+            message="" if reached else why,
+            limits=search.allowed.active(point.joints),
+            distance=search.distance(point, reference),
+            starts=starts,
+            solve_time=solve_time,
+        )
 
     @property
     def converged(self) -> bool:
@@ -142,3 +173,16 @@ class InverseKinematicsPath:
 
     def __repr__(self) -> str:
         return f"<InverseKinematicsPath: {self.status.description}, {len(self)} points, {len(self.waypoints)} targets>"
+
+
+def best(search: TipSearch, ends: Sequence[Point], criterion: str, reference: Array) -> Point:
+    """The best answer among the ends of searches; if there is none, the stable shape nearest to the target."""
+    stable = [point for point in ends if point.stable]
+    if not stable:
+        raise SolveError("no stable equilibrium was found under these loads, neither at home nor at any other start")
+    answers = [point for point in stable if point.answers]
+    if not answers:
+        return min(stable, key=lambda point: point.cost)
+    if criterion in ("nearest", "distance"):
+        answers = [search.settle(point, reference) for point in answers]
+    return min(answers, key=lambda point: CRITERIA[criterion](point, search.distance(point, reference)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from enum import Enum
 from functools import cached_property
+from math import sqrt
 
 import attrs
 import numpy as np
@@ -17,10 +18,9 @@ from ..checks import Array
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..loads.kind import Load
-from ..robot.actuation import Actuation
 from .least_distance import bounded_step, least_distance
-from .limits import Allowed, joints_of
-from .targets import Target, errors_of
+from .limits import Allowed, actuation_of, joints_of
+from .targets import LENGTH, Target
 
 _MOST_STEPS = 60
 _LONGEST, _SHORTEST = 0.7, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
@@ -38,6 +38,7 @@ _BESIDE = 1e-7  # m: by so much tubes are drawn back, each outer one more, to pa
 class Ending(Enum):
     """Why a search ended."""
 
+    OPEN = "it goes on"
     REACHED = "the target is reached"
     STUCK = "no motion that the limits allow goes nearer"
     SNAPS = "the robot would snap, or its branch be in doubt, on the way nearer"
@@ -46,10 +47,11 @@ class Ending(Enum):
 
 @attrs.frozen(eq=False, slots=False)
 class Point:
-    """A shape on the way to a target."""
+    """A shape on the way to a target, and how the way there ended."""
 
     equilibrium: Equilibrium
     target: Target
+    ending: Ending = Ending.OPEN
 
     @cached_property
     def joints(self) -> Array:
@@ -64,12 +66,23 @@ class Point:
     @cached_property
     def errors(self) -> tuple[float, float]:
         """Distance, m, and angle, rad, from the target."""
-        return errors_of(self.misfit)
+        missing, turn = self.misfit[:3], self.misfit[3:]
+        return LENGTH * sqrt(missing @ missing), sqrt(turn @ turn)
 
     @cached_property
     def cost(self) -> float:
         """Squared misfit."""
         return float(self.misfit @ self.misfit)
+
+    @property
+    def stable(self) -> bool:
+        """Whether the shape is not known to be unstable."""
+        return self.equilibrium.is_stable is not False
+
+    @property
+    def answers(self) -> bool:
+        """Whether the target is reached by a stable shape."""
+        return self.ending is Ending.REACHED and self.stable
 
 
 @attrs.define
@@ -88,7 +101,7 @@ class _Trust:
 
 
 @attrs.frozen(eq=False)
-class Search:
+class TipSearch:
     """The way to one target: the problem, its loads, what is allowed, weights, and the errors of position and angle."""
 
     forward: ForwardProblem
@@ -109,7 +122,7 @@ class Search:
         found = self._solved(joints, point.equilibrium)
         return None if found is None else Point(found, self.target)
 
-    def reach(self, point: Point) -> tuple[Point, Ending]:
+    def reach(self, point: Point) -> Point:
         """To the target, or as near as it goes from here."""
         trust, ending = _Trust(), Ending.SLOW
         for _ in range(_MOST_STEPS):
@@ -127,7 +140,7 @@ class Search:
             elif trust.longest < _SHORTEST:
                 ending = Ending.SNAPS if trial is None else Ending.STUCK
                 break
-        return point, Ending.REACHED if self.met(point, _ENOUGH) else ending
+        return attrs.evolve(point, ending=Ending.REACHED if self.met(point, _ENOUGH) else ending)
 
     def _toward(self, point: Point, trust: _Trust) -> tuple[Array, float]:
         """A step toward the target within limits and trust, and by how much it promises to lower the cost."""
@@ -145,13 +158,10 @@ class Search:
             step = bounded_step(hessian, -rates.T @ misfit, np.vstack((rows, box, -box)), room)
         return step, point.cost - float(((misfit - rates @ step) ** 2).sum())
 
-    def reached(self, point: Point, ending: Ending) -> bool:
-        """Whether this is an answer."""
-        return ending is Ending.REACHED and self.stable(point)
-
-    def stable(self, point: Point) -> bool:
-        """Whether the shape is not known to be unstable."""
-        return point.equilibrium.is_stable is not False
+    def limits_at(self, point: Point) -> str:
+        """The limits that a point meets, as the end of a message."""
+        met = self.allowed.active(point.joints)
+        return f"; at its limits: {', '.join(met)}" if met else ""
 
     def distance(self, point: Point, joints: Array) -> float:
         """Of a point's joints from others."""
@@ -169,8 +179,8 @@ class Search:
             size = float(np.abs(step).max())
             trial = self.moved(point, step * min(1.0, longest / size))
             if trial is not None:
-                trial, ending = self.reach(trial)
-                if self.reached(trial, ending) and self.distance(trial, joints) < before:
+                trial = self.reach(trial)
+                if trial.answers and self.distance(trial, joints) < before:
                     point = trial
                     continue
             longest = 0.25 * min(size, longest)
@@ -200,8 +210,7 @@ class Search:
         return self.target.rates(shape) / self.weights
 
     def _solved(self, joints: Array, initial: Equilibrium) -> Equilibrium | None:
-        tubes = len(joints) // 2
-        return self.forward.neighbour(Actuation(joints[:tubes], joints[tubes:]), self.loads, initial)
+        return self.forward.neighbour(actuation_of(joints), self.loads, initial)
 
     def _room(self, point: Point) -> tuple[Array, Array]:
         return self.allowed.rows / self.weights, np.maximum(self.allowed.room(point.joints), 0.0)

@@ -8,12 +8,15 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..checks import Array, array, rigid
+from ..checks import Array, array, direction, rigid
 from ..errors import DefinitionError
 from ..forward.equilibrium import Equilibrium
 
 LENGTH = 0.02
 """m: a distance that counts as much as an angle of one radian, of joints unless said otherwise, and of the tip."""
+
+_FIELDS = ("target_position", "target_axis", "target_pose")
+_HALF_TURN, _OPPOSITE = 0.4, 1e-12  # sines of angles near pi: below, the axis is that of the symmetric part
 
 
 @attrs.frozen(eq=False)
@@ -24,8 +27,8 @@ class Target:
     axes: Array
 
     @classmethod
-    def of(cls, position: Any, axis: Any, pose: Any) -> Target:
-        """From what a user gave: a position, a position and an axis, or a pose, also in the place of a position."""
+    def of(cls, position: Any, axis: Any, pose: Any, fields: tuple[str, str, str] = _FIELDS) -> Target:
+        """From a position, with or without an axis, or a pose, also in its place; errors name ``fields``."""
         if np.shape(position) == (4, 4):
             position, pose = None, position
         if (position is None) == (pose is None):
@@ -33,10 +36,10 @@ class Target:
         if pose is not None:
             if axis is not None:
                 raise DefinitionError("target_axis belongs to target_position: target_pose has an axis of its own")
-            given = rigid(pose, "target_pose")
+            given = rigid(pose, fields[2])
             return cls(given[:3, 3], given[:3, :3])
-        point = array(position, "target_position", (3,), unit="m")
-        return cls(point, np.zeros((3, 0)) if axis is None else _unit(array(axis, "target_axis", (3,)))[:, None])
+        point = array(position, fields[0], (3,), unit="m")
+        return cls(point, np.zeros((3, 0)) if axis is None else direction(axis, fields[1])[:, None])
 
     @property
     def turns(self) -> bool:
@@ -77,16 +80,13 @@ class Target:
         turned = pose[:3, :3].T
         return Target(turned @ (self.position - pose[:3, 3]), turned @ self.axes)
 
-    def errors(self, equilibrium: Equilibrium) -> tuple[float, float]:
-        """Distance of the tip, m, and angle of its axis or frame, rad, from the target."""
-        return errors_of(self.misfit(equilibrium))
-
     def misfit(self, equilibrium: Equilibrium) -> Array:
         """How the tip must move and turn to the target, distances over ``LENGTH``: 3, 5 or 6 numbers."""
         missing = (self.position - equilibrium.tip_position) / LENGTH
         if not self.turns:
             return missing
-        return np.concatenate((missing, self._seen(equilibrium) @ self._turn(equilibrium)))
+        reached = equilibrium.tip_pose[:3, 3 - self.axes.shape[1] : 3]
+        return np.concatenate((missing, self._seen(equilibrium) @ _turn_between(reached, self.axes)))
 
     def rates(self, equilibrium: Equilibrium) -> Array:
         """How the tip so moves and turns with rotations (rad) and translations (m), ``(3, 5 or 6, 2 tubes)``."""
@@ -100,53 +100,31 @@ class Target:
             return np.eye(3)
         return np.asarray(equilibrium.tip_pose[:3, :2].T)
 
-    def _turn(self, equilibrium: Equilibrium) -> Array:
-        frame = equilibrium.tip_pose[:3, :3]
-        return _turn_between(frame if self.axes.shape[1] == 3 else frame[:, 2:], self.axes)
-
-
-def errors_of(misfit: Array) -> tuple[float, float]:
-    """Distance, m, and angle, rad, of a misfit."""
-    missing, turn = misfit[:3], misfit[3:]
-    return LENGTH * sqrt(missing @ missing), sqrt(turn @ turn)
-
 
 def rotation(turn: Array) -> Array:
-    """The rotation matrix of a rotation vector."""
+    """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)``."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec(turn).as_matrix())
 
 
 def _turn_between(start: Array, end: Array) -> Array:
-    """The shortest rotation vector that takes an axis ``(3, 1)`` or a frame ``(3, 3)`` to another."""
-    return _from_axis_to(start[:, 0], end[:, 0]) if start.shape[1] == 1 else _vector_of(end @ start.T)
+    """The shortest rotation vector that takes an axis ``(3, 1)`` or a frame ``(3, 3)`` to another.
 
-
-def _vector_of(turned: Array) -> Array:
-    """The rotation vector of a rotation matrix; nearly half a turn, its axis is that of the symmetric part."""
+    The axial vector and the trace of ``end start^T`` sum the cross and the dot products of the axes. For single axes
+    they are ``sin a`` and ``cos`` of the turn by an angle about ``a``, for frames ``2 sin a`` and ``1 + 2 cos``. Near
+    half a turn the sine loses ``a``, and the symmetric part less ``cos I`` has it: for frames ``(1 - cos) a a^T``. For
+    an axis and its opposite it is ``I - start start^T``: about each of its columns half a turn leads there.
+    """
+    turned, framed = end @ start.T, start.shape[1] == 3
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turned.tolist()
-    doubled = np.array([zy - yz, xz - zx, yx - xy])  # by the sine
-    size, cosine = sqrt(doubled @ doubled), 0.5 * (xx + yy + zz - 1.0)
-    angle = atan2(0.5 * size, cosine)
-    if cosine > -0.9:
-        return doubled * (angle / size if size > 0.0 else 0.5)
+    across, cosine = np.array([zy - yz, xz - zx, yx - xy]), xx + yy + zz
+    if framed:
+        across, cosine = 0.5 * across, 0.5 * (cosine - 1.0)
+    sine = sqrt(across @ across)
+    angle = atan2(sine, cosine)
+    if cosine > 0.0 or sine > (_HALF_TURN if framed else _OPPOSITE):
+        return across * (angle / sine if sine > 0.0 else 1.0)
     symmetric = turned + turned.T - 2.0 * cosine * np.eye(3)
     axis = symmetric[:, np.argmax(np.diagonal(symmetric))]
-    return np.asarray(np.copysign(angle, axis @ doubled) / sqrt(axis @ axis) * axis)
-
-
-def _from_axis_to(start: Array, end: Array) -> Array:
-    (x, y, z), (u, v, w) = start.tolist(), end.tolist()
-    across = np.array([y * w - z * v, z * u - x * w, x * v - y * u])
-    sine, cosine = sqrt(across @ across), float(start @ end)
-    if sine < 1e-12 and cosine < 0.0:  # the other way: about any axis across
-        return np.pi * _unit(np.cross(start, np.eye(3)[np.argmin(np.abs(start))]))
-    return across * (atan2(sine, cosine) / sine if sine > 0.0 else 1.0)
-
-
-def _unit(vector: Array) -> Array:
-    size = float(np.linalg.norm(vector))
-    if size == 0.0:
-        raise DefinitionError("target_axis is zero: it must be a direction")
-    return np.asarray(vector / size)
+    return np.asarray(np.copysign(angle, axis @ across) / sqrt(axis @ axis) * axis)

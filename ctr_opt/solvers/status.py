@@ -5,7 +5,15 @@ from __future__ import annotations
 from enum import Enum
 
 
-class SolveStatus(Enum):
+class Advised(Enum):
+    """An outcome, described, and what to do about it."""
+
+    def __init__(self, description: str, advice: str) -> None:
+        self.description = description
+        self.advice = advice
+
+
+class SolveStatus(Advised):
     """The outcome of a solve.
 
     >>> SolveStatus.CONVERGED.advice
@@ -43,7 +51,3 @@ class SolveStatus(Enum):
         "the discretization did not reach the tolerance",
         "loosen the tolerance, or cut loads and curvatures with kinks into smooth pieces",
     )
-
-    def __init__(self, description: str, advice: str) -> None:
-        self.description = description
-        self.advice = advice

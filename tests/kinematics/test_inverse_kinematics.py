@@ -433,7 +433,8 @@ def test_poses_that_snaps_and_limits_hide_from_home_are_reached():
 
 def test_axes_that_point_away_can_be_turned_to(problem, shape):
     target = Target.of(shape.tip_position, -shape.tip_pose[:3, 2], None)
-    assert target.errors(shape)[1] == pytest.approx(np.pi, abs=1e-7)  # the arc sine of rounding of 1e-16 over itself
+    _, angle = Point(shape, target).errors
+    assert angle == pytest.approx(np.pi, abs=1e-7)  # the arc sine of rounding of 1e-16 over itself
     assert np.linalg.norm(target.misfit(shape)) == pytest.approx(np.pi, abs=1e-7)
 
 
