@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .camera_files import load_cameras as load_cameras
 from .cameras import Camera as Camera
+from .cameras import load_cameras as load_cameras
 from .fibres import FibreCurvature as FibreCurvature
 from .fibres import core_ring as core_ring
 from .fibres import curvature_from_strains as curvature_from_strains

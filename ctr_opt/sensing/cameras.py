@@ -1,19 +1,23 @@
-"""Calibrated cameras: from points in the world to pixels, and from pixels to rays."""
+"""Calibrated cameras, also from files: from points in the world to pixels, and from pixels to rays."""
 
 from __future__ import annotations
 
+import importlib
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import attrs
 import numpy as np
 
 from ..checks import ARRAY_EQ, Array, array, rigid
-from ..errors import DefinitionError
+from ..errors import DefinitionError, MissingExtraError
+from ..files.text import at, read_toml
 from .noise import points_of
-from .opencv import opencv
 
 _NEWTON_STEPS = 20  # of the undistortion
 _PIXEL = 1e-7  # px: an undistorted pixel is distorted back to better than this
+_KEYS = ("intrinsics", "distortion", "pose", "rotation", "translation", "resolution")
 
 
 def _intrinsics(value: Any) -> Array:
@@ -125,10 +129,7 @@ class Camera:
             inverse[:3, :3] = array(rotation, "rotation", (3, 3))
         if translation is not None:
             inverse[:3, 3] = array(np.ravel(translation), "translation", (3,), unit="m")
-        inverse = np.array(rigid(inverse, "rotation and translation"))
-        turn = inverse[:3, :3].T
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = turn, -turn @ inverse[:3, 3]
+        pose = np.linalg.inv(rigid(inverse, "rotation and translation"))
         return cls(intrinsics, pose, distortion=distortion, resolution=resolution)
 
     @property
@@ -163,7 +164,7 @@ class Camera:
         if len(local) == 0:
             return np.zeros((0, 2)), np.zeros((0, 2, 3))
         zero = np.zeros(3)
-        pixels, jacobian = opencv().projectPoints(
+        pixels, jacobian = _opencv().projectPoints(
             np.ascontiguousarray(local)[:, None, :], zero, zero, self.intrinsics.copy(), self.distortion.copy()
         )
         # Columns 3 to 5 are the derivatives by OpenCV's translation, which is added to the points.
@@ -174,8 +175,7 @@ class Camera:
         local = self.in_frame(points)
         seen = local[:, 2] > 0.0
         if self.resolution is not None and seen.any():
-            pixels, _ = self._distorted(local[seen])
-            seen[seen] = np.all((pixels >= -0.5) & (pixels <= self.resolution - 0.5), axis=1)
+            seen[seen] = _inside(self._distorted(local[seen])[0], self.resolution)
         return seen
 
     def undistort(self, pixels: Any) -> Array:
@@ -187,37 +187,75 @@ class Camera:
             A pixel outside the image, or one to which this distortion maps nothing.
         """
         wanted = array(pixels, "pixels", (None, 2), unit="px")
-        self._check_inside(wanted)
-        found = (wanted - self.intrinsics[:2, 2]) / self.intrinsics[[0, 1], [0, 1]]
+        if self.resolution is not None and not (inside := _inside(wanted, self.resolution)).all():
+            k, (width, height) = int(np.argmin(inside)), self.resolution
+            raise DefinitionError(
+                f"pixels[{k}] = {wanted[k].tolist()} px is outside the image of {width:g} x {height:g} px"
+            )
+        flat = (wanted - self.intrinsics[:2, 2]) / self.intrinsics[[0, 1], [0, 1]]
         if not self.distortion.any():
-            return found
+            return flat
+        # OpenCV iterates a fixed point instead (undistortPoints), which diverges for strong pincushion distortion.
         with np.errstate(all="ignore"):
             for _ in range(_NEWTON_STEPS):
-                reached, jacobian = self._distorted(np.column_stack((found, np.ones(len(found)))))
-                step = np.linalg.solve(jacobian[:, :, :2], (wanted - reached)[..., None])[..., 0]
-                found = found + step
-            error = np.abs(self._distorted(np.column_stack((found, np.ones(len(found)))))[0] - wanted)
+                reached, jacobian = self._distorted(np.column_stack((flat, np.ones(len(flat)))))
+                flat = flat + np.linalg.solve(jacobian[:, :, :2], (wanted - reached)[..., None])[..., 0]
+            error = np.abs(self._distorted(np.column_stack((flat, np.ones(len(flat)))))[0] - wanted)
         bad = ~(error.max(axis=1, initial=0.0) <= _PIXEL)
         if bad.any():
             k = int(np.argmax(bad))
             raise DefinitionError(
                 f"pixels[{k}] = {wanted[k].tolist()} px is none that this distortion can lead to: check both"
             )
-        return found
-
-    def _check_inside(self, pixels: Array) -> None:
-        if self.resolution is None:
-            return
-        outside = np.any((pixels < -0.5) | (pixels > self.resolution - 0.5), axis=1)
-        if outside.any():
-            k = int(np.argmax(outside))
-            width, height = self.resolution
-            raise DefinitionError(
-                f"pixels[{k}] = {pixels[k].tolist()} px is outside the image of {width:g} x {height:g} px"
-            )
+        return flat
 
     def rays(self, pixels: Any) -> Array:
         """Unit vectors ``(k, 3)`` in the world from ``position`` toward what pixels ``(k, 2)`` show."""
         flat = self.undistort(pixels)
         local = np.column_stack((flat, np.ones(len(flat))))
         return np.asarray(local / np.linalg.norm(local, axis=1, keepdims=True) @ self.pose[:3, :3].T)
+
+
+def _inside(pixels: Array, resolution: Array) -> Any:
+    return np.all((pixels >= -0.5) & (pixels <= resolution - 0.5), axis=1)
+
+
+def _opencv() -> Any:
+    """The module ``cv2``, imported where it is used, or an error that names the extra to install."""
+    try:
+        return importlib.import_module("cv2")
+    except ImportError as error:
+        raise MissingExtraError(
+            f"cameras need OpenCV, which cannot be imported ({error}): pip install 'ctr_opt[sensing]'"
+        ) from None
+
+
+def load_cameras(file: str | Path) -> tuple[Camera, ...]:
+    """Cameras from a TOML file with a table ``[[cameras]]`` for each.
+
+    A table holds ``intrinsics`` and perhaps ``distortion``, ``resolution``, and either ``pose`` (world from camera) or
+    ``rotation`` and ``translation`` (camera from world, as OpenCV has it); lengths in m.
+
+    Raises
+    ------
+    DefinitionError
+        A file that cannot be read, an unknown key, or what :class:`Camera` refuses, with the table's number.
+    """
+    path = Path(file)
+    tables = read_toml(path).get("cameras")
+    if not isinstance(tables, list) or not tables:
+        raise DefinitionError(f"{path} must hold a table [[cameras]] for each camera")
+    return tuple(at(path, f"cameras[{k}]", partial(_camera, table)) for k, table in enumerate(tables))
+
+
+def _camera(table: Any) -> Camera:
+    if not isinstance(table, dict) or "intrinsics" not in table:
+        raise DefinitionError("intrinsics is missing")
+    for key in table:
+        if key not in _KEYS:
+            raise DefinitionError(f"{key} is unknown, must be one of {', '.join(_KEYS)}")
+    if "pose" not in table:
+        return Camera.from_opencv(**table)
+    if "rotation" in table or "translation" in table:
+        raise DefinitionError("pose and rotation, translation say the same thing: give one of them")
+    return Camera(**table)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks import Array, array, flag, number
 from ..errors import DefinitionError
-from .noise import deviations_of, symmetric
+from .noise import covariances_of, deviations_of, numbers, symmetric
 
 _DEGENERATE = 1e-9  # ratio of singular values
 _FEWEST = 5  # strains over, from which the noise is estimated
@@ -45,16 +45,14 @@ class FibreCurvature:
     def report(self) -> str:
         """Text: ranges of curvature and common strain, and how well curvatures are known."""
         known, low, high = self.standard_deviations, self.curvature.min(axis=0), self.curvature.max(axis=0)
-        errors = "not known: give sigma" if known is None else f"{known[0]:.4g}, {known[1]:.4g} 1/m in u_x, u_y"
+        errors = "not known: give sigma" if known is None else f"{numbers(known, '.4g')} 1/m in u_x, u_y"
         strain = 1e6 * self.common_strain
-        return "\n".join(
-            (
-                f"Curvature at {len(self.curvature)} places from {self.residuals.shape[1]} cores",
-                f"  u_x, u_y              from {low[0]:.4g}, {low[1]:.4g} to {high[0]:.4g}, {high[1]:.4g} 1/m",
-                f"  common strain         from {strain.min():.4g} to {strain.max():.4g} millionths",
-                f"  standard deviations   {errors}",
-                f"  residuals             {1e6 * np.sqrt(np.mean(self.residuals**2)):.4g} millionths (rms)",
-            )
+        return (
+            f"Curvature at {len(self.curvature)} places from {self.residuals.shape[1]} cores\n"
+            f"  u_x, u_y              from {numbers(low, '.4g')} to {numbers(high, '.4g')} 1/m\n"
+            f"  common strain         from {strain.min():.4g} to {strain.max():.4g} millionths\n"
+            f"  standard deviations   {errors}\n"
+            f"  residuals             {1e6 * np.sqrt(np.mean(self.residuals**2)):.4g} millionths (rms)"
         )
 
 
@@ -122,7 +120,9 @@ def curvature_from_strains(
     design = design if flag(temperature, "temperature") else design[:, :2]
     scales = np.abs(design).max(axis=0, initial=0.0)
     _check_cores(design, scales)
-    spread = _spread(sigma, covariance, len(places))
+    spread = covariances_of(sigma, covariance, "covariance", (len(places), len(places)))
+    if spread is None and sigma is not None:
+        spread = np.diag(deviations_of(sigma, len(places), unit="") ** 2)
     chol = np.linalg.cholesky(np.eye(len(places)) if spread is None else spread)
     solver = np.linalg.pinv(np.linalg.solve(chol, design / scales)) @ np.linalg.inv(chol) / scales[:, None]
     found = measured @ solver.T
@@ -146,17 +146,3 @@ def _check_cores(design: Array, scales: Array) -> None:
             if unknowns == 3
             else "core_positions: the cores are on a line through the axis, so they cannot tell u_x and u_y apart"
         )
-
-
-def _spread(sigma: Any, covariance: Any, cores: int) -> Array | None:
-    if sigma is not None and covariance is not None:
-        raise DefinitionError("sigma and covariance say the same thing: give one of them")
-    if sigma is not None:
-        return np.diag(deviations_of(sigma, cores, unit="") ** 2)
-    if covariance is None:
-        return None
-    matrix = array(covariance, "covariance", (cores, cores))
-    scale = np.abs(matrix).max()
-    if not (np.abs(matrix - matrix.T).max() <= 1e-9 * scale and np.linalg.eigvalsh(matrix)[0] > 0.0):
-        raise DefinitionError("covariance must be symmetric and positive definite")
-    return matrix

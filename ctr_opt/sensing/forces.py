@@ -10,7 +10,7 @@ import numpy as np
 from ..checks import Array, number
 from ..errors import DefinitionError
 from ..loads.point import PointWrench
-from .noise import covariances_of, points_of, symmetric
+from .noise import numbers, points_of, spreads_of, symmetric
 
 _STEPS = 50
 _CONVERGED = 1e-12
@@ -46,14 +46,12 @@ class WireDirection:
     def report(self) -> str:
         """Text: the direction and how well it is known."""
         noise = "as given" if self.sigma is None else f"{1e3 * self.sigma:.3f} mm in a coordinate, estimated"
-        return "\n".join(
-            (
-                f"Wire through {len(self.residuals)} points",
-                "  direction        (" + ", ".join(f"{value:.5f}" for value in self.direction) + ")",
-                f"  angle            known to {np.degrees(self.angle_deviation):.3f} deg (rms)",
-                f"  noise            {noise}",
-                f"  off the line by  {1e3 * self.residuals.max():.3f} mm at most",
-            )
+        return (
+            f"Wire through {len(self.residuals)} points\n"
+            f"  direction        ({numbers(self.direction, '.5f')})\n"
+            f"  angle            known to {np.degrees(self.angle_deviation):.3f} deg (rms)\n"
+            f"  noise            {noise}\n"
+            f"  off the line by  {1e3 * self.residuals.max():.3f} mm at most"
         )
 
 
@@ -90,12 +88,10 @@ class WireForce:
     def report(self) -> str:
         """Text: the force and how well it is known."""
         pairs = zip(self.force, np.sqrt(np.diag(self.covariance)), strict=True)
-        return "\n".join(
-            (
-                f"Force of {self.magnitude:.4f} +- {self.magnitude_deviation:.4f} N by a wire",
-                "  force            " + ", ".join(f"{value:.4f} +- {error:.4f}" for value, error in pairs) + " N",
-                self.wire.report(),
-            )
+        return (
+            f"Force of {self.magnitude:.4f} +- {self.magnitude_deviation:.4f} N by a wire\n"
+            f"  force            {', '.join(f'{value:.4f} +- {error:.4f}' for value, error in pairs)} N\n"
+            f"{self.wire.report()}"
         )
 
 
@@ -133,15 +129,12 @@ def wire_direction(points: Any, *, sigma: Any = None, covariances: Any = None) -
     """
     estimated = sigma is None and covariances is None
     points = points_of(points, "points", least=3 if estimated else 2)
-    spreads = covariances_of(1.0 if estimated else sigma, covariances, len(points))
-    assert spreads is not None
-    direction, centre, matrix = _line(points, spreads)
+    direction, centre, covariance = _line(points, spreads_of(sigma, covariances, len(points))[0])
     offsets = points - centre
-    residuals = np.linalg.norm(offsets - np.outer(offsets @ direction, direction), axis=1)
-    covariance, deviation = matrix, None
+    residuals, deviation = np.linalg.norm(offsets - np.outer(offsets @ direction, direction), axis=1), None
     if estimated:
         deviation = float(np.sqrt(np.sum(residuals**2) / (2 * len(points) - 4)))
-        covariance = matrix * deviation**2
+        covariance = covariance * deviation**2
     found = WireDirection(direction, covariance, residuals, deviation)
     if found.angle_deviation > _UNCERTAIN:
         raise DefinitionError(

@@ -11,38 +11,43 @@ from ..errors import DefinitionError
 
 
 def points_of(value: Any, field: str, *, least: int) -> Array:
-    """``value`` as points ``(k, 3)``, m, at least so many."""
+    """``value`` as points ``(k, 3)``, m, where ``k >= least``."""
     points = array(value, field, (None, 3), unit="m")
     if len(points) < least:
         raise DefinitionError(f"{field} has {len(points)} points, but needs at least {least}")
     return points
 
 
-def deviations_of(sigma: Any, size: int, field: str = "sigma", unit: str = "m") -> Array:
+def deviations_of(sigma: Any, size: int, unit: str = "m") -> Array:
     """Standard deviations ``(size,)`` from one for all or one for each."""
     if np.ndim(sigma) == 0:
-        return np.full(size, number(sigma, field, above=0.0, unit=unit))
-    values = array(sigma, field, (size,), unit=unit)
-    if not (values > 0.0).all():
-        k = int(np.argmin(values > 0.0))
-        raise DefinitionError(f"{field}[{k}] = {values[k]:g}{unit and f' {unit}'} must be above 0")
-    return values
+        return np.full(size, number(sigma, "sigma", above=0.0, unit=unit))
+    return array(sigma, "sigma", (size,), above=0.0, unit=unit)
 
 
-def covariances_of(sigma: Any, covariances: Any, size: int) -> Array | None:
-    """Covariances ``(size, 3, 3)``, m^2, from what was given of the two; None if nothing was."""
-    if sigma is not None and covariances is not None:
-        raise DefinitionError("sigma and covariances say the same thing: give one of them")
-    if sigma is not None:
-        return np.eye(3) * deviations_of(sigma, size)[:, None, None] ** 2
-    if covariances is None:
+def covariances_of(sigma: Any, value: Any, field: str, shape: tuple[int, ...], unit: str = "") -> Array | None:
+    """``value`` as covariances of a shape; None if it is None, and an error if ``sigma`` is given too."""
+    if value is None:
         return None
-    values = array(covariances, "covariances", (size, 3, 3), unit="m^2")
-    for k, value in enumerate(values):
-        scale = np.abs(value).max()
-        if not (np.abs(value - value.T).max() <= 1e-9 * scale and np.linalg.eigvalsh(value)[0] > 0.0):
-            raise DefinitionError(f"covariances[{k}] must be symmetric and positive definite, with entries in m^2")
+    if sigma is not None:
+        raise DefinitionError(f"sigma and {field} say the same thing: give one of them")
+    values = array(value, field, shape, unit=unit)
+    for place in np.ndindex(shape[:-2]):
+        matrix, name = values[place], field + "".join(f"[{k}]" for k in place)
+        scale = np.abs(matrix).max()
+        if not (np.abs(matrix - matrix.T).max() <= 1e-9 * scale and np.linalg.eigvalsh(matrix)[0] > 0.0):
+            entries = f", with entries in {unit}" if unit else ""
+            raise DefinitionError(f"{name} must be symmetric and positive definite{entries}")
     return values
+
+
+def spreads_of(sigma: Any, covariances: Any, size: int) -> tuple[Array, bool]:
+    """Covariances of points ``(size, 3, 3)``, m^2, and whether they are only of unit weight, as nothing is given."""
+    given = covariances_of(sigma, covariances, "covariances", (size, 3, 3), "m^2")
+    if given is not None:
+        return given, False
+    deviations = deviations_of(1.0 if sigma is None else sigma, size)
+    return np.eye(3) * deviations[:, None, None] ** 2, sigma is None
 
 
 def symmetric(matrix: Any) -> Array:
@@ -50,6 +55,6 @@ def symmetric(matrix: Any) -> Array:
     return np.asarray(0.5 * (matrix + np.swapaxes(matrix, -1, -2)), dtype=np.float64)
 
 
-def millimetres(values: Array) -> str:
-    """Lengths in m as text in mm."""
-    return "(" + ", ".join(f"{1e3 * value:.3f}" for value in values) + ") mm"
+def numbers(values: Array, style: str = ".3f") -> str:
+    """Numbers as text, with commas between them."""
+    return ", ".join(format(value, style) for value in values)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
-from ..checks import Array, array, choice, index, number
+from ..checks import Array, array, choice, direction, number, whole
 from ..errors import DefinitionError
 from ..robot.precurvature import PrecurvaturePiece, SampledCurvature, Straight
-from .noise import covariances_of, points_of
-from .propagation import Curves, Noise, tangents
+from .noise import numbers, points_of, spreads_of
+from .propagation import Propagation
 from .smoothing import LEAST_FREEDOM, Data, Smoother, best, polynomials
 
 if TYPE_CHECKING:
@@ -95,16 +95,14 @@ class PrecurvatureFit:
         chosen = [key in (self.order, self.smoothing) for key in self.scores].index(True)
         near = list(self.scores.items())[max(chosen - 2, 0) : chosen + 3]
         scores = ", ".join(f"{key:.3g}: {1e3 * value:.4f}" for key, value in near)
-        return "\n".join(
-            (
-                f"Precurvature of {len(self.residuals)} points on {1e3 * self.length:.2f} mm",
-                f"  curve                     {kind}, {self.degrees_of_freedom:.1f} degrees of freedom",
-                f"  noise of a coordinate     {1e3 * self.sigma:.4f} mm, {how}",
-                f"  residuals                 rms {1e3 * np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))):.4f} mm",
-                f"  largest |u*_x|, |u*_y|    {size[0]:.3f}, {size[1]:.3f} 1/m",
-                f"  standard errors (rms)     {known[0]:.3f}, {known[1]:.3f} 1/m",
-                f"  cross-validation, mm      {scores}",
-            )
+        return (
+            f"Precurvature of {len(self.residuals)} points on {1e3 * self.length:.2f} mm\n"
+            f"  curve                     {kind}, {self.degrees_of_freedom:.1f} degrees of freedom\n"
+            f"  noise of a coordinate     {1e3 * self.sigma:.4f} mm, {how}\n"
+            f"  residuals                 rms {1e3 * np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))):.4f} mm\n"
+            f"  largest |u*_x|, |u*_y|    {numbers(size)} 1/m\n"
+            f"  standard errors (rms)     {numbers(known)} 1/m\n"
+            f"  cross-validation, mm      {scores}"
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -115,7 +113,9 @@ class PrecurvatureFit:
         ax
             Axes to draw on; a new figure by default. Arc length is in mm from the tube's base.
         """
-        axes = _new_axes() if ax is None else ax
+        import matplotlib.pyplot as plt
+
+        axes = plt.subplots(layout="constrained")[1] if ax is None else ax
         s = 1e3 * (self.straight + self.arc_length)
         for c, (color, label) in enumerate(zip(_COLORS, ("$u^*_x$", "$u^*_y$"), strict=True)):
             u, band = self.curvature[:, c], _NINETY_FIVE * self.standard_errors[:, c]
@@ -197,40 +197,40 @@ def identify_precurvature(
     >>> fit.order, bool(worst.max() < 3.0)
     (3, True)
     """
+    from scipy.interpolate import CubicSpline
+
     measured = points_of(points, "points", least=_FEWEST)
     choice(method, "method", METHODS)
-    if index(samples, "samples") < 5:
-        raise DefinitionError(f"samples = {samples!r} must be at least 5")
+    places = whole(samples, "samples", 5)
     lead = number(straight, "straight", least=0.0, unit="m")
-    spreads = covariances_of(sigma, covariances, len(measured))
-    weights = np.ones(len(measured)) if spreads is None else 3.0 / np.trace(spreads, axis1=1, axis2=2)
+    spreads, estimated = spreads_of(sigma, covariances, len(measured))
+    weights = 3.0 / np.trace(spreads, axis1=1, axis2=2)
     given = _given(method, order, smoothing)
     # Chords between noisy points jitter, which would bend the smooth curve's parameter: they are for a start.
     _, start, _ = best(method, Data(measured, _chord_lengths(measured), weights), given)
-    parameters, length = start.arc_lengths(measured)
-    data = Data(measured, parameters, weights, None if tangent is None else length * _direction(tangent))
+    parameters, length = start.arc_lengths()
+    data = Data(measured, parameters, weights, None if tangent is None else length * direction(tangent, "tangent"))
     chosen, smoother, scores = best(method, data, given)
-    residuals = smoother.residuals(measured)
-    estimated, unit = spreads is None, 1.0
-    if spreads is None:
+    residuals, unit = smoother.residuals, 1.0
+    if estimated:
         # Each point has noise in the two directions across the curve; the fit takes its leverage's part of it.
         if smoother.freedom < LEAST_FREEDOM:
             raise DefinitionError(
                 f"smoothing = {chosen:g} is so small that the curve goes through all points: give sigma"
             )
         unit = float(np.sum(residuals**2)) / (2.0 * smoother.freedom)
-        spreads = np.broadcast_to(unit * np.eye(3), (len(measured), 3, 3))
-    noise = Noise(measured, spreads, unit)
-    curves = Curves(smoother, samples, _orientation(smoother, smoother.coefficients(measured), normal))
-    s, curvature, errors = curves.known(noise)
+        spreads = unit * spreads
+    propagation = Propagation(spreads, unit, places, _across(normal, smoother.tangents(np.zeros(1))[0]))
+    s, curvature, errors = propagation.curvature(smoother)
     if method == "polynomial" and order is None and chosen + 1 <= len(measured) - 2:
-        higher = Smoother.of(polynomials(int(chosen) + 1), data)
-        errors = _with_bias(s, curvature, attrs.evolve(curves, smoother=higher).known(noise))
+        higher = propagation.curvature(Smoother.of(polynomials(int(chosen) + 1), data))
+        # The two lengths differ by less than a step, and at the tip a curve is followed a little beyond its end.
+        errors = np.hypot(higher[2], CubicSpline(higher[0], higher[1])(s) - curvature)
     return PrecurvatureFit(
         s,
         np.column_stack((curvature, np.zeros(len(s)))),
         errors,
-        curves.position(measured),
+        smoother.curve(np.linspace(0.0, 1.0, places)),
         int(chosen) if method == "polynomial" else None,
         chosen if method == "spline" else None,
         float(smoother.leverages.sum()),
@@ -242,26 +242,14 @@ def identify_precurvature(
     )
 
 
-def _new_axes() -> Axes:
-    import matplotlib.pyplot as plt
-
-    return plt.subplots(layout="constrained")[1]
-
-
 def _given(method: str, order: int | None, smoothing: float | None) -> float | None:
     if method == "polynomial":
         if smoothing is not None:
             raise DefinitionError("smoothing belongs to method = 'spline': a polynomial has an order")
-        return None if order is None else float(_order(order))
+        return None if order is None else float(whole(order, "order", 2))
     if order is not None:
         raise DefinitionError("order belongs to method = 'polynomial': a spline has a smoothing")
     return None if smoothing is None else number(smoothing, "smoothing", above=0.0)
-
-
-def _order(value: Any) -> int:
-    if isinstance(value, bool) or number(value, "order", least=2.0) != int(value):
-        raise DefinitionError(f"order = {value!r} must be a whole number, at least 2")
-    return int(value)
 
 
 def _chord_lengths(points: Array) -> Array:
@@ -282,27 +270,10 @@ def _chord_lengths(points: Array) -> Array:
     return np.asarray(reached / reached[-1])
 
 
-def _with_bias(s: Array, curvature: Array, higher: tuple[Array, Array, Array]) -> Array:
-    """Standard errors of a polynomial's curvature, by the next higher order's and the difference from it."""
-    from scipy.interpolate import CubicSpline
-
-    # The two lengths differ by less than a step, and at the tip a curve is followed a little beyond its end.
-    difference = CubicSpline(higher[0], higher[1])(s) - curvature
-    return np.hypot(higher[2], difference)
-
-
-def _direction(tangent: Any) -> Array:
-    given = array(tangent, "tangent", (3,))
-    size = float(np.linalg.norm(given))
-    if size == 0.0:
-        raise DefinitionError("tangent = [0.0, 0.0, 0.0] must be a direction")
-    return given / size
-
-
-def _orientation(smoother: Smoother, coefficients: Array, normal: Any) -> Array:
+def _across(normal: Any, tangent: Array) -> Array:
+    """The direction of x at the base, which must not be along the tangent."""
     given = array(normal, "normal", (3,))
     size = float(np.linalg.norm(given))
-    tangent = tangents(smoother, coefficients, np.zeros(1))[0]
     if size == 0.0 or np.linalg.norm(np.cross(given, tangent)) <= _PARALLEL * size:
         raise DefinitionError(
             f"normal = {given.tolist()} must point away from the tangent at the base, {tangent.round(4).tolist()}"

@@ -6,66 +6,80 @@ import attrs
 import numpy as np
 
 from ..checks import Array
-from .bishop import bishop_curvature
 from .smoothing import Smoother
 
 _FINER = 4  # steps between two samples, in which the frame is carried
 _STEP = 1e-5  # of differences by the coefficients, of the curve's length: curvatures of 1/length change by 1e-4
 
 
-def tangents(smoother: Smoother, coefficients: Array, t: Array) -> Array:
-    """Unit tangents ``(k, 3)`` at parameters ``(k,)``."""
-    first = smoother.curve(coefficients, t, 1)
-    return np.asarray(first / np.linalg.norm(first, axis=-1, keepdims=True))
-
-
 @attrs.frozen(eq=False)
-class Noise:
-    """Points, their covariances ``(k, 3, 3)`` and the variance of unit weight."""
+class Propagation:
+    """The noise of points, and where the smooth curves through them are sampled.
 
-    points: Array
+    Covariances of the points are ``spreads (k, 3, 3)``, m^2, with the variance ``unit`` of unit weight. The
+    ``samples`` places are uniform in the parameter; ``normal`` is the direction of x at the base.
+    """
+
     spreads: Array
     unit: float
+    samples: int
+    normal: Array
 
-    def of_coefficients(self, smoother: Smoother) -> Array:
-        """Covariance ``(3 m, 3 m)``: noise across the curve, and what a penalty leaves unknown."""
-        tangent = tangents(smoother, smoother.coefficients(self.points), smoother.parameters)
+    def curvature(self, smoother: Smoother) -> tuple[Array, Array, Array]:
+        """Arc length, curvature and its standard errors, at the same arc length."""
+        from scipy.interpolate import CubicSpline
+
+        coefficients = smoother.coefficients
+        s, curvature = self._sampled(smoother, coefficients)
+        step, size = _STEP * s[-1], coefficients.size
+        shifts = step * np.eye(size).reshape(size, *coefficients.shape)
+        up, down = (self._sampled(smoother, coefficients + sign * shifts) for sign in (1.0, -1.0))
+        slope = CubicSpline(s, curvature)(s, 1)
+        jacobian = (up[1] - down[1] - slope * (up[0] - down[0])[..., None]) / (2.0 * step)
+        variance = np.einsum("asc,ab,bsc->sc", jacobian, self._covariance(smoother), jacobian, optimize=True)
+        return s, curvature, np.sqrt(np.maximum(variance, 0.0))
+
+    def _sampled(self, smoother: Smoother, coefficients: Array) -> tuple[Array, Array]:
+        """Arc lengths ``(..., samples)`` and curvatures ``(..., samples, 2)`` for coefficients ``(..., m, 3)``."""
+        t = np.linspace(0.0, 1.0, _FINER * (self.samples - 1) + 1)
+        points, first, second = (smoother.curve(t, n, coefficients) for n in range(3))
+        s, curvature = bishop_curvature(t, points, first, second, self.normal)
+        return s[..., ::_FINER], curvature[..., ::_FINER, :]
+
+    def _covariance(self, smoother: Smoother) -> Array:
+        """Of the coefficients ``(3 m, 3 m)``: noise across the curve, and what a penalty leaves unknown."""
+        tangent = smoother.tangents(smoother.data.parameters)
         across = np.eye(3) - tangent[:, :, None] * tangent[:, None, :]
         spread = np.einsum("ai,bi,ijk->ajbk", smoother.solver, smoother.solver, across @ self.spreads @ across)
         spread = spread + self.unit * np.einsum("ab,jk->ajbk", smoother.shrinkage, np.eye(3))
         return np.asarray(spread.reshape(2 * (3 * smoother.basis.size,)))
 
 
-@attrs.frozen(eq=False)
-class Curves:
-    """Curves by a smoother's coefficients, at ``samples`` places uniform in the parameter."""
+def bishop_curvature(t: Array, points: Array, first: Array, second: Array, normal: Array) -> tuple[Array, Array]:
+    """Arc lengths ``(..., n)`` and ``u_x, u_y`` ``(..., n, 2)`` of curves ``(..., n, 3)`` at parameters ``t (n,)``.
 
-    smoother: Smoother
-    samples: int
-    normal: Array
+    ``first`` and ``second`` are the derivatives by ``t``; ``normal`` is where x points at the base, as far as it is
+    normal to the curve. The frame is carried by double reflection, of fourth order in the steps (W. Wang, B. Juettler,
+    D. Zheng, Y. Liu, ACM Trans. Graphics 27(1), 2008).
+    """
+    from scipy.integrate import cumulative_simpson
 
-    def position(self, points: Array) -> Array:
-        """The smooth curve of points."""
-        t = np.linspace(0.0, 1.0, self.samples)
-        return self.smoother.curve(self.smoother.coefficients(points), t)
+    speed = np.linalg.norm(first, axis=-1, keepdims=True)
+    tangent = first / speed
+    bend = (second - tangent * _dot(tangent, second)) / speed**2
+    x = np.empty_like(tangent)
+    start = normal - tangent[..., 0, :] * _dot(tangent[..., 0, :], normal)
+    x[..., 0, :] = start / np.linalg.norm(start, axis=-1, keepdims=True)
+    for k in range(len(t) - 1):
+        a = points[..., k + 1, :] - points[..., k, :]
+        half = 2.0 / _dot(a, a)
+        carried = x[..., k, :] - a * (half * _dot(a, x[..., k, :]))
+        b = tangent[..., k + 1, :] - tangent[..., k, :] + a * (half * _dot(a, tangent[..., k, :]))
+        x[..., k + 1, :] = carried - b * (2.0 / _dot(b, b) * _dot(b, carried))
+    y = np.cross(tangent, x)
+    lengths = cumulative_simpson(speed[..., 0], x=t, initial=0.0, axis=-1)
+    return lengths, np.stack((-np.sum(bend * y, axis=-1), np.sum(bend * x, axis=-1)), axis=-1)
 
-    def of(self, coefficients: Array) -> tuple[Array, Array]:
-        """Arc lengths ``(..., samples)`` and curvatures ``(..., samples, 2)`` for coefficients ``(..., m, 3)``."""
-        t = np.linspace(0.0, 1.0, _FINER * (self.samples - 1) + 1)
-        points, first, second = (self.smoother.curve(coefficients, t, n) for n in range(3))
-        s, curvature = bishop_curvature(t, points, first, second, self.normal)
-        return s[..., ::_FINER], curvature[..., ::_FINER, :]
 
-    def known(self, noise: Noise) -> tuple[Array, Array, Array]:
-        """Arc length, curvature and its standard errors, at the same arc length."""
-        from scipy.interpolate import CubicSpline
-
-        coefficients = self.smoother.coefficients(noise.points)
-        s, curvature = self.of(coefficients)
-        step, size = _STEP * s[-1], coefficients.size
-        shifts = step * np.eye(size).reshape(size, *coefficients.shape)
-        up, down = self.of(coefficients + shifts), self.of(coefficients - shifts)
-        slope = CubicSpline(s, curvature)(s, 1)
-        jacobian = (up[1] - down[1] - slope * (up[0] - down[0])[..., None]) / (2.0 * step)
-        variance = np.einsum("asc,ab,bsc->sc", jacobian, noise.of_coefficients(self.smoother), jacobian, optimize=True)
-        return s, curvature, np.sqrt(np.maximum(variance, 0.0))
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.sum(a * b, axis=-1, keepdims=True))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks import Array, array
 from ..errors import DefinitionError
-from .noise import covariances_of, deviations_of, millimetres, points_of, symmetric
+from .noise import numbers, points_of, spreads_of, symmetric
 
 _STEPS = 50
 _CONVERGED = 1e-12  # rad, and of the size of the cloud
@@ -95,19 +95,16 @@ class Registration:
     def report(self) -> str:
         """Text: the errors as the paper prints them, and how well the motion is known."""
         errors, deviations = self.errors, self.standard_deviations
-        values = (errors.mean, errors.maximum, errors.minimum, errors.standard_deviation)
+        values = np.array([errors.mean, errors.maximum, errors.minimum, errors.standard_deviation])
         noise = "as given" if self.sigma is None else f"{1e3 * self.sigma:.3f} mm in a coordinate, estimated"
-        turn = ", ".join(f"{np.degrees(value):.3f}" for value in deviations[3:])
-        return "\n".join(
-            (
-                f"Registration of {len(errors.vectors)} points",
-                "  errors: mean, max, min, std       " + ", ".join(f"{1e3 * value:.3f}" for value in values) + " mm",
-                f"  mean errors along x, y, z         {millimetres(errors.mean_by_axis)}",
-                f"  noise                             {noise}",
-                f"  translation                       {millimetres(self.pose[:3, 3])}",
-                f"    standard deviations             {millimetres(deviations[:3])}",
-                f"    standard deviations of rotation ({turn}) deg",
-            )
+        return (
+            f"Registration of {len(errors.vectors)} points\n"
+            f"  errors: mean, max, min, std       {numbers(1e3 * values)} mm\n"
+            f"  mean errors along x, y, z         ({numbers(1e3 * errors.mean_by_axis)}) mm\n"
+            f"  noise                             {noise}\n"
+            f"  translation                       ({numbers(1e3 * self.pose[:3, 3])}) mm\n"
+            f"    standard deviations             ({numbers(1e3 * deviations[:3])}) mm\n"
+            f"    standard deviations of rotation ({numbers(np.degrees(deviations[3:]))}) deg"
         )
 
 
@@ -158,34 +155,22 @@ def register(
         raise DefinitionError("weights say relatively what sigma and covariances say absolutely: give one of the three")
     for points, field in ((measured, "measured"), (reference, "reference")):
         _check_spread(points, field)
-    spreads = covariances_of(sigma, covariances, len(measured))
-    relative = spreads is None
-    if spreads is None:
-        spreads = covariances_of(_from_weights(weights, len(measured)), None, len(measured))
-        assert spreads is not None
+    spreads, relative = spreads_of(sigma, covariances, len(measured))
+    if weights is not None:
+        spreads = spreads / array(weights, "weights", (len(measured),), above=0.0)[:, None, None]
     rotation, translation = _kabsch(measured, reference, 3.0 / np.trace(spreads, axis1=1, axis2=2))
     if covariances is not None:
         rotation, translation = _refined(measured, reference, spreads, rotation, translation)
-    vectors = measured @ rotation.T + translation - reference
-    inverse = rotation @ np.linalg.inv(spreads) @ rotation.T
-    covariance = symmetric(np.linalg.inv(_normal(reference - translation, inverse)[0]))
-    deviation = None
+    vectors, turned, normal, _ = _linearized(measured, reference, spreads, rotation, translation)
+    covariance, deviation = symmetric(np.linalg.inv(normal)), None
     if relative:
         degrees = 3 * len(measured) - 6
-        deviation = float(np.sqrt(np.einsum("ki,kij,kj", vectors, inverse, vectors) / degrees))
+        deviation = float(np.sqrt(np.einsum("ki,kij,kj", vectors, turned, vectors) / degrees))
         covariance = covariance * deviation**2
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, translation
     _check_certainty(covariance)
     return Registration(pose, covariance, RegistrationErrors(vectors), deviation)
-
-
-def _from_weights(weights: Any, size: int) -> Array:
-    return (
-        np.ones(size)
-        if weights is None
-        else deviations_of(array(weights, "weights", (size,)), size, "weights", "") ** -0.5
-    )
 
 
 def _check_spread(points: Array, field: str) -> None:
@@ -215,28 +200,33 @@ def _kabsch(measured: Array, reference: Array, weights: Array) -> tuple[Array, A
     return rotation, b - rotation @ a
 
 
-def _normal(arms: Array, inverse: Array) -> tuple[Array, Array]:
-    """Normal matrix ``(6, 6)`` and ``J^T W`` of each point ``(k, 6, 3)``, with ``J = [1, -hat(arm)]``."""
-    x, y, z = arms.T
-    zero = np.zeros(len(arms))
-    minus_hat = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
-    jacobian = np.concatenate((np.broadcast_to(np.eye(3), minus_hat.shape), minus_hat), axis=2)
-    weighted = np.swapaxes(jacobian, 1, 2) @ inverse
-    return (weighted @ jacobian).sum(axis=0), weighted
+def _linearized(
+    measured: Array, reference: Array, spreads: Array, rotation: Array, translation: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Errors ``(k, 3)``, their inverse covariances, the normal matrix ``(6, 6)`` and the gradient by ``(dt, w)``.
+
+    Seen in the measured frame, errors have the constant covariances ``spreads``; their derivative, turned back, is
+    ``J = [1, -hat(arm)]`` with arms from ``t``.
+    """
+    errors, arms = measured @ rotation.T + translation - reference, reference - translation
+    turned = rotation @ np.linalg.inv(spreads) @ rotation.T
+    levers = np.cross(np.eye(3), arms[:, None])  # -hat(arm), transposed
+    transposed = np.concatenate((np.broadcast_to(np.eye(3), levers.shape), levers), axis=1)
+    weighted = transposed @ turned
+    normal = (weighted @ np.swapaxes(transposed, 1, 2)).sum(axis=0)
+    return errors, turned, normal, np.einsum("kij,kj->i", weighted, errors)
 
 
 def _refined(
     measured: Array, reference: Array, spreads: Array, rotation: Array, translation: Array
 ) -> tuple[Array, Array]:
+    """Gauss-Newton steps from a motion."""
     from scipy.spatial.transform import Rotation
 
     size = np.linalg.norm(reference - reference.mean(axis=0), axis=1).max()
-    inner = np.linalg.inv(spreads)
     for _ in range(_STEPS):
-        errors = measured @ rotation.T + translation - reference
-        # The errors seen in the measured frame have constant covariances; J is their derivative, turned back.
-        matrix, weighted = _normal(reference - translation, rotation @ inner @ rotation.T)
-        step = -np.linalg.solve(matrix, np.einsum("kij,kj->i", weighted, errors))
+        _, _, normal, gradient = _linearized(measured, reference, spreads, rotation, translation)
+        step = -np.linalg.solve(normal, gradient)
         translation = translation + step[:3]
         rotation = Rotation.from_rotvec(step[3:]).as_matrix() @ rotation
         if np.linalg.norm(step[:3]) < _CONVERGED * size and np.linalg.norm(step[3:]) < _CONVERGED:

@@ -48,12 +48,10 @@ class Basis:
 
 def polynomials(order: int) -> Basis:
     """Legendre polynomials up to an order, orthogonal on ``[0, 1]``."""
-    from numpy.polynomial import Legendre
-
-    members = [Legendre.basis(k, domain=[0.0, 1.0]) for k in range(order + 1)]
+    from numpy.polynomial.legendre import legder, legval
 
     def functions(t: Array, derivative: int = 0) -> Array:
-        return np.column_stack([(p.deriv(derivative) if derivative else p)(t) + 0.0 * t for p in members])
+        return np.ascontiguousarray(legval(2.0 * t - 1.0, legder(np.eye(order + 1), derivative, scl=2.0)).T)
 
     return Basis(functions, np.zeros((order + 1, order + 1)))
 
@@ -91,7 +89,7 @@ class Data:
 
 @attrs.frozen(eq=False)
 class Smoother:
-    """A linear smoother at given parameters: coefficients are ``solver @ (points - parameters * slope)``.
+    """A linear smoother of data: coefficients are ``solver @ (points - parameters * slope)``.
 
     Attributes
     ----------
@@ -106,93 +104,100 @@ class Smoother:
     """
 
     basis: Basis
+    data: Data
     slope: Array
-    parameters: Array
     solver: Array
     shrinkage: Array
     leverages: Array
+
+    @classmethod
+    def of(cls, basis: Basis, data: Data, factor: float = 0.0) -> Smoother:
+        """Weighted least squares with ``factor`` times the penalty (relative to the data)."""
+        slope = np.zeros(3)
+        if data.slope is not None:
+            basis, slope = basis.clamped(), data.slope
+        values = basis.functions(data.parameters)
+        normal = values.T @ (data.weights[:, None] * values)
+        scale = np.trace(normal) / np.trace(basis.penalty) if factor else 0.0
+        inverse = np.linalg.inv(normal + factor * scale * basis.penalty)
+        solver = inverse @ (values.T * data.weights)
+        # The posterior of Wahba and Nychka less the spread by noise: on average over the curve, the square of the bias.
+        shrinkage = inverse - inverse @ normal @ inverse if factor else np.zeros_like(inverse)
+        return cls(basis, data, slope, solver, shrinkage, np.einsum("km,mk->k", values, solver))
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom of each coordinate's residuals."""
         return float(np.sum(1.0 - self.leverages))
 
-    @classmethod
-    def of(cls, basis: Basis, data: Data, factor: float = 0.0) -> Smoother:
-        """Weighted least squares with ``factor`` times the penalty (relative to the data)."""
-        parameters, weights, slope = data.parameters, data.weights, np.zeros(3)
-        if data.slope is not None:
-            basis, slope = basis.clamped(), data.slope
-        values = basis.functions(parameters)
-        normal = values.T @ (weights[:, None] * values)
-        scale = np.trace(normal) / np.trace(basis.penalty) if factor else 0.0
-        inverse = np.linalg.inv(normal + factor * scale * basis.penalty)
-        solver = inverse @ (values.T * weights)
-        # The posterior of Wahba and Nychka less the spread by noise: on average over the curve, the square of the bias.
-        shrinkage = inverse - inverse @ normal @ inverse if factor else np.zeros_like(inverse)
-        return cls(basis, slope, parameters, solver, shrinkage, np.einsum("km,mk->k", values, solver))
+    @property
+    def coefficients(self) -> Array:
+        """Of the smooth curve, ``(m, 3)``."""
+        return np.asarray(self.solver @ (self.data.points - self.data.parameters[:, None] * self.slope))
 
-    def coefficients(self, points: Array) -> Array:
-        """Coefficients ``(m, 3)`` of the smooth curve of points ``(k, 3)``."""
-        return np.asarray(self.solver @ (points - self.parameters[:, None] * self.slope))
+    @property
+    def residuals(self) -> Array:
+        """Points less their smooth values, ``(k, 3)`` m."""
+        return self.data.points - self.curve(self.data.parameters)
 
-    def curve(self, coefficients: Array, t: Array, derivative: int = 0) -> Array:
-        """The curve ``(..., len(t), 3)`` of coefficients ``(..., m, 3)``, or a derivative by ``t``."""
+    def curve(self, t: Array, derivative: int = 0, coefficients: Array | None = None) -> Array:
+        """The curve ``(..., len(t), 3)`` or a derivative by ``t``, smooth or of other coefficients ``(..., m, 3)``."""
+        weights = self.coefficients if coefficients is None else coefficients
         by_slope = (t[:, None] if derivative == 0 else float(derivative == 1)) * self.slope
-        return np.asarray(self.basis.functions(t, derivative) @ coefficients + by_slope)
+        return np.asarray(self.basis.functions(t, derivative) @ weights + by_slope)
 
-    def arc_lengths(self, points: Array) -> tuple[Array, float]:
+    def tangents(self, t: Array) -> Array:
+        """Unit tangents ``(len(t), 3)`` of the smooth curve."""
+        slopes = self.curve(t, 1)
+        return np.asarray(slopes / np.linalg.norm(slopes, axis=-1, keepdims=True))
+
+    def arc_lengths(self) -> tuple[Array, float]:
         """Normalized arc lengths ``(k,)`` of the smooth curve where it is nearest to the points, and its length, m."""
         from scipy.interpolate import CubicSpline
 
-        coefficients, t = self.coefficients(points), self.parameters
+        t = self.data.parameters
         for _ in range(_NEWTON_STEPS):
-            shape, slope, bend = (self.curve(coefficients, t, n) for n in range(3))
-            offset, square = shape - points, np.sum(slope**2, axis=1)
+            shape, slope, bend = (self.curve(t, n) for n in range(3))
+            offset, square = shape - self.data.points, np.sum(slope**2, axis=1)
             # Half of the square at least: far from the curve Newton's step would lead away from the nearest place.
             curvature = np.maximum(square + np.sum(offset * bend, axis=1), 0.5 * square)
             t = np.clip(t - np.sum(offset * slope, axis=1) / curvature, -_BEYOND, 1.0 + _BEYOND)
         fine = np.linspace(-_BEYOND, 1.0 + _BEYOND, _FINE)
-        speed = np.linalg.norm(self.curve(coefficients, fine, 1), axis=1)
+        speed = np.linalg.norm(self.curve(fine, 1), axis=1)
         reached = CubicSpline(fine, speed).antiderivative()(t)
         length = float(reached[-1] - reached[0])
         return np.asarray((reached - reached[0]) / length), length
 
-    def residuals(self, points: Array) -> Array:
-        """Points less their smooth values, ``(k, 3)``."""
-        return points - self.curve(self.coefficients(points), self.parameters)
-
-    def left_out(self, points: Array, weights: Array) -> Array:
+    def left_out(self) -> Array:
         """Weighted squared distances ``(k,)``, m^2, of points from the curve through the others; or infinite."""
         if self.leverages.max() > _LEVERAGE or self.freedom < LEAST_FREEDOM:
-            return np.full(len(points), np.inf)
-        distances = np.sum(self.residuals(points) ** 2, axis=1) / (1.0 - self.leverages) ** 2
-        return np.asarray(distances * weights / weights.mean())
+            return np.full(len(self.leverages), np.inf)
+        distances = np.sum(self.residuals**2, axis=1) / (1.0 - self.leverages) ** 2
+        return np.asarray(distances * self.data.weights / self.data.weights.mean())
 
 
-def candidates(method: str, points: int, given: float | None) -> list[tuple[float, Basis, float]]:
-    """``(key, basis, factor)`` to try, the simplest first; keys are orders, or penalties of splines."""
+def _smoothers(method: str, data: Data, given: float | None) -> dict[float, Smoother]:
+    """Smoothers to try, the simplest first, by order, or by the penalty of splines."""
     if method == "spline":
-        basis = splines(points)
-        return [(float(key), basis, float(key)) for key in (_PENALTIES if given is None else (given,))]
-    most = points - 2
+        basis = splines(len(data.points))
+        penalties = _PENALTIES.tolist() if given is None else (given,)
+        return {penalty: Smoother.of(basis, data, penalty) for penalty in penalties}
+    most = len(data.points) - 2
     if given is not None and given > most:
-        raise DefinitionError(f"order = {given:g} must be at most {most}, with {points} points")
+        raise DefinitionError(f"order = {given:g} must be at most {most}, with {len(data.points)} points")
     orders = range(2, min(_LARGEST_ORDER, most) + 1) if given is None else (int(given),)
-    return [(order, polynomials(order), 0.0) for order in orders]
+    return {order: Smoother.of(polynomials(order), data) for order in orders}
 
 
 def best(method: str, data: Data, given: float | None) -> tuple[float, Smoother, dict[float, float]]:
-    """The chosen key, its smoother, and the root mean square error of cross-validation, m, by key.
+    """The chosen order or penalty, its smoother, and the root mean square error of cross-validation, m, of each.
 
     Chosen is the simplest smoother whose error is above the least by no more than one standard error of the difference
     (half of one for splines; L. Breiman et al., Classification and Regression Trees, 1984, 3.4.3): the least itself now
     and then has far too many degrees of freedom, and curvatures suffer from them more than positions.
     """
-    tried = {
-        key: Smoother.of(basis, data, factor) for key, basis, factor in candidates(method, len(data.points), given)
-    }
-    errors = {key: smoother.left_out(data.points, data.weights) for key, smoother in tried.items()}
+    tried = _smoothers(method, data, given)
+    errors = {key: smoother.left_out() for key, smoother in tried.items()}
     least = min(errors.values(), key=np.sum)
     chosen = next(key for key, value in errors.items() if _as_good(value, least, _ALLOWANCES[method]))
     return chosen, tried[chosen], {key: float(np.sqrt(value.mean())) for key, value in errors.items()}

@@ -9,10 +9,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..checks import Array, array, number
+from ..checks import Array, array
 from ..errors import DefinitionError
 from .cameras import Camera
-from .noise import symmetric
+from .noise import deviations_of, numbers, symmetric
 
 _STEPS = 50
 _CONVERGED = 1e-11  # of the distance to the cameras
@@ -62,16 +62,12 @@ class Triangulation:
         k, camera = np.unravel_index(np.argmax(sizes), sizes.shape)
         how = "estimated" if self.estimated else "given"
         deviations = 1e3 * np.sqrt(np.mean(self.standard_deviations**2, axis=0))
-        return "\n".join(
-            (
-                f"Triangulation of {len(self.points)} points by {len(self.sigma)} cameras",
-                f"  pixel noise ({how})     {', '.join(f'{value:.3f}' for value in self.sigma)} px",
-                f"  reprojection errors     rms {np.sqrt(np.mean(sizes**2)):.3f} px, "
-                f"largest {sizes[k, camera]:.3f} px (point {k}, camera {camera})",
-                "  standard deviations     "
-                + ", ".join(f"{value:.3f}" for value in deviations)
-                + " mm in x, y, z (rms)",
-            )
+        return (
+            f"Triangulation of {len(self.points)} points by {len(self.sigma)} cameras\n"
+            f"  pixel noise ({how})     {numbers(self.sigma)} px\n"
+            f"  reprojection errors     rms {np.sqrt(np.mean(sizes**2)):.3f} px, "
+            f"largest {sizes[k, camera]:.3f} px (point {k}, camera {camera})\n"
+            f"  standard deviations     {numbers(deviations)} mm in x, y, z (rms)"
         )
 
 
@@ -116,21 +112,22 @@ def triangulate(cameras: Sequence[Camera], pixels: Any, *, sigma: Any = None) ->
     measured = array(pixels, "pixels", (None, len(cameras), 2), unit="px")
     if len(measured) == 0:
         raise DefinitionError("pixels has no point, but needs at least 1")
-    deviations = np.ones(len(cameras)) if sigma is None else _deviations(sigma, len(cameras))
+    deviations = deviations_of(1.0 if sigma is None else sigma, len(cameras), unit="px")
     if sigma is None and len(measured) < _FEWEST:
         raise DefinitionError(
             f"sigma is missing: {len(measured)} points are too few to estimate it, which takes {_FEWEST}"
         )
-    rays = np.stack([_rays(camera, measured[:, c], c) for c, camera in enumerate(cameras)], axis=1)
-    points = _refined(cameras, measured, deviations, _nearest(cameras, rays))
-    errors, jacobians = _errors(cameras, measured, points)
+    views = _Views(cameras, measured, deviations)
+    points = _refined(views, _nearest(views))
+    errors, jacobians = views.errors(points)
+    scale = 1.0
     if sigma is None:
         degrees = len(points) * (2 * len(cameras) - 3)
         # Exact pixels leave rounding errors: so small a noise is none, but covariances stay regular.
-        deviations = deviations * max(np.sqrt(np.sum(errors**2) / degrees), 1e-9)
-    covariances = symmetric(np.linalg.inv(_information(jacobians, deviations)))
-    _check_certainty(cameras, points, covariances)
-    return Triangulation(points, covariances, errors, deviations, sigma is None)
+        scale = max(float(np.sqrt(np.sum(errors**2) / degrees)), 1e-9)
+    covariances = scale**2 * symmetric(np.linalg.inv(_information(jacobians)))
+    _check_certainty(views.distances(points), covariances)
+    return Triangulation(points, covariances, errors * deviations[:, None], scale * deviations, sigma is None)
 
 
 def _cameras(value: Any) -> tuple[Camera, ...]:
@@ -142,11 +139,28 @@ def _cameras(value: Any) -> tuple[Camera, ...]:
     return tuple(value)
 
 
-def _deviations(sigma: Any, cameras: int) -> Array:
-    if np.ndim(sigma) == 0:
-        return np.full(cameras, number(sigma, "sigma", above=0.0, unit="px"))
-    values = array(sigma, "sigma", (cameras,), unit="px")
-    return np.array([number(value, f"sigma[{c}]", above=0.0, unit="px") for c, value in enumerate(values)])
+@attrs.frozen(eq=False)
+class _Views:
+    """Pixels ``(k, cameras, 2)`` of cameras, and standard deviations of their coordinates ``(cameras,)``, px."""
+
+    cameras: tuple[Camera, ...]
+    pixels: Array
+    sigma: Array
+
+    @property
+    def centres(self) -> Array:
+        """Of the cameras, ``(cameras, 3)`` m."""
+        return np.array([camera.position for camera in self.cameras])
+
+    def errors(self, points: Array) -> tuple[Array, Array]:
+        """Measured less projected ``(k, cameras, 2)``, and the projections' derivatives by the points, over sigma."""
+        projected, jacobians = zip(*(camera.linearized(points) for camera in self.cameras), strict=True)
+        errors = self.pixels - np.stack(projected, axis=1)
+        return errors / self.sigma[:, None], np.stack(jacobians, axis=1) / self.sigma[:, None, None]
+
+    def distances(self, points: Array) -> Array:
+        """From the nearest camera, ``(k,)`` m."""
+        return np.asarray(np.linalg.norm(points[:, None] - self.centres, axis=2).min(axis=1))
 
 
 def _rays(camera: Camera, pixels: Array, c: int) -> Array:
@@ -156,9 +170,10 @@ def _rays(camera: Camera, pixels: Array, c: int) -> Array:
         raise DefinitionError(f"cameras[{c}]: {error}") from None
 
 
-def _nearest(cameras: Sequence[Camera], rays: Array) -> Array:
-    """The points ``(k, 3)`` with the least sum of squared distances from their rays ``(k, cameras, 3)``."""
-    sines = [np.linalg.norm(np.cross(rays[:, a], rays[:, b]), axis=1) for a, b in combinations(range(len(cameras)), 2)]
+def _nearest(views: _Views) -> Array:
+    """The points ``(k, 3)`` with the least sum of squared distances from their rays."""
+    rays = np.stack([_rays(camera, views.pixels[:, c], c) for c, camera in enumerate(views.cameras)], axis=1)
+    sines = [np.linalg.norm(np.cross(a, b), axis=1) for a, b in combinations(np.swapaxes(rays, 0, 1), 2)]
     angle = np.max(sines, axis=0)
     if angle.min() < _PARALLEL:
         k = int(np.argmin(angle))
@@ -166,61 +181,46 @@ def _nearest(cameras: Sequence[Camera], rays: Array) -> Array:
             f"pixels[{k}]: its rays are parallel (within {angle[k]:.1e} rad), so the point's distance is not determined"
         )
     across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
-    centres = np.array([camera.position for camera in cameras])
-    right = np.einsum("kcij,cj->ki", across, centres)
+    right = np.einsum("kcij,cj->ki", across, views.centres)
     points = np.asarray(np.linalg.solve(across.sum(axis=1), right[..., None])[..., 0])
-    ahead = np.einsum("kci,kci->kc", points[:, None, :] - centres, rays)
+    ahead = np.einsum("kci,kci->kc", points[:, None, :] - views.centres, rays)
     if ahead.min() <= 0.0:
-        k, c = divmod(int(np.argmin(ahead)), len(cameras))
+        k, c = divmod(int(np.argmin(ahead)), len(views.cameras))
         raise DefinitionError(
             f"pixels[{k}]: its rays meet behind cameras[{c}], so they show no common point, or a camera's pose is wrong"
         )
     return points
 
 
-def _errors(cameras: Sequence[Camera], measured: Array, points: Array) -> tuple[Array, Array]:
-    """Measured less projected ``(k, cameras, 2)``, and the derivatives of the projections ``(k, cameras, 2, 3)``."""
-    seen = [camera.linearized(points) for camera in cameras]
-    return measured - np.stack([pixels for pixels, _ in seen], axis=1), np.stack([j for _, j in seen], axis=1)
+def _information(jacobians: Array) -> Array:
+    return np.asarray(np.einsum("kcai,kcaj->kij", jacobians, jacobians))
 
 
-def _information(jacobians: Array, deviations: Array) -> Array:
-    scaled = jacobians / deviations[:, None, None]
-    return np.asarray(np.einsum("kcai,kcaj->kij", scaled, scaled))
-
-
-def _refined(cameras: Sequence[Camera], measured: Array, deviations: Array, points: Array) -> Array:
+def _refined(views: _Views, points: Array) -> Array:
     """Gauss-Newton steps, cut to half where they would raise the error of a point."""
-    centres = np.array([camera.position for camera in cameras])
-    scale = np.linalg.norm(points[:, None] - centres, axis=2).min(axis=1)
-    errors, jacobians = _errors(cameras, measured, points)
+    errors, jacobians = views.errors(points)
     factor = np.ones(len(points))
     for _ in range(_STEPS):
-        slope = np.einsum("kcai,kca,c->ki", jacobians, errors, deviations**-2)
-        step = np.linalg.solve(_information(jacobians, deviations), slope[..., None])[..., 0]
+        scale = views.distances(points)
+        slope = np.einsum("kcai,kca->ki", jacobians, errors)
+        step = np.linalg.solve(_information(jacobians), slope[..., None])[..., 0]
         size = np.linalg.norm(step, axis=1)
         if (size < _CONVERGED * scale).all():
             return points + step
         # At most a quarter of the distance, so that no step leads behind a camera.
         trial = points + step * np.minimum(factor, 0.25 * scale / np.maximum(size, 1e-300))[:, None]
-        new_errors, new_jacobians = _errors(cameras, measured, trial)
-        worse = _cost(new_errors, deviations) > _cost(errors, deviations) * (1.0 + 1e-9) + 1e-18
-        factor = np.where(worse, 0.5 * factor, 1.0)
-        points = np.where(worse[:, None], points, trial)
-        errors = np.where(worse[:, None, None], errors, new_errors)
-        jacobians = np.where(worse[:, None, None, None], jacobians, new_jacobians)
-        scale = np.linalg.norm(points[:, None] - centres, axis=2).min(axis=1)
-    k = int(np.argmax(size / scale))
+        new_errors, new_jacobians = views.errors(trial)
+        cost, new_cost = (np.sum(each**2, axis=(1, 2)) for each in (errors, new_errors))
+        better = new_cost <= cost * (1.0 + 1e-9) + 1e-18
+        factor = np.where(better, 1.0, 0.5 * factor)
+        points = np.where(better[:, None], trial, points)
+        errors = np.where(better[:, None, None], new_errors, errors)
+        jacobians = np.where(better[:, None, None, None], new_jacobians, jacobians)
+    k = int(np.argmax(size / views.distances(points)))
     raise DefinitionError(f"pixels[{k}]: no point fits; the cameras' poses or the correspondence are wrong")
 
 
-def _cost(errors: Array, deviations: Array) -> Array:
-    return np.asarray(np.einsum("kca,kca,c->k", errors, errors, deviations**-2))
-
-
-def _check_certainty(cameras: Sequence[Camera], points: Array, covariances: Array) -> None:
-    centres = np.array([camera.position for camera in cameras])
-    distance = np.linalg.norm(points[:, None] - centres, axis=2).min(axis=1)
+def _check_certainty(distance: Array, covariances: Array) -> None:
     relative = np.sqrt(np.linalg.eigvalsh(covariances)[:, -1]) / distance
     if relative.max() > _UNCERTAIN:
         k = int(np.argmax(relative))
