@@ -1,5 +1,13 @@
-/* Axial forces of the actuators on the tubes' bases: jumps of the Hamiltonian where a tube's break points move with it,
-   and that of the tube alone behind the entry point. For precurvatures that are constant piece by piece.
+/* Axial forces of the actuators on the tubes' bases, for precurvatures that are constant piece by piece.
+
+   The potential energy of a shape in equilibrium is stationary in everything but its break points. When one at s moves, it
+   changes by the jump H(s+) - H(s-) of the Hamiltonian
+     H = m_xy . u_xy + sum tau_i u_i,z + n . R e3 - W - V,
+   with the elastic energy W and the loads' potential V per arc length (transcription/integrals.py). All break points of a
+   tube move with its base, so the force there is the sum of their jumps. Behind the entry point each tube is alone and held
+   straight; there the sum telescopes to the tube's own H right behind the entry (mechanics/law.py). Where break points of
+   several tubes coincide, only the tube's own part of the jump counts: data change tube by tube, and H is taken before and
+   after the tube's own change.
 
    Where break points coincide, loads at fixed places come first, then the tubes, the innermost first, each with what
    rides on its end. */

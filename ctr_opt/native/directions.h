@@ -1,6 +1,14 @@
 /* Directions of change, by unknowns at the entry and by parameters: each is a lane of a block, and blocks are carried along
    the robot side by side. A lane holds derivatives of dimensionless states by one unknown or parameter in SI; units are
-   constants. */
+   constants.
+
+   A parameter acts in up to three ways: on the state at the entry (seeded here), on the data along the robot and the ends
+   of steps, and at point loads (both in forcing.h). At the entry
+     psi_i(0) = rotation_i + twist of the preset over the transmission + compliance_i tau_i,
+     n(0)     = all dead loads in front, as n vanishes at the tip,
+   so that a rotation, a stiffness, a translation (which lengthens the transmission) and a precurvature change psi_i(0), a
+   dead force changes n(0), and a translation or place that uncovers more of a load per length does, too. The entry's own
+   position moves every position alike and changes nothing else: it is not carried along. */
 
 enum { BY_UNKNOWN = DIRECTIONS, NOTHING }; /* not asked for: unknowns, and lanes to spare */
 enum { BLOCK = 8 }; /* lanes side by side */

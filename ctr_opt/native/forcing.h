@@ -1,4 +1,13 @@
-/* How directions change the data along the robot, and what they do at point loads. */
+/* How directions change the data along the robot, and what they do at point loads.
+
+   Within a step three things may change. A stiffness or a load per length changes a datum by a constant. A precurvature
+   changes by a table of coefficients, evaluated at every stage. A translation or place moves the ends of the steps of its
+   section in proportion: the step becomes longer, and its stages move along the robot. Where the precurvature varies, a
+   stage that moves by ds sees u*' ds of it pass by; a tube that moves along with it takes its precurvature with it, so that
+   only the difference of both counts.
+
+   At a point load the state jumps by a function that is linear in the load. Its derivative by the load itself is therefore
+   the jump by a unit load, and that by the state is applied in two factors, as in sweep.h. */
 
 typedef struct {
   const Lanes *lanes;

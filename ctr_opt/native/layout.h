@@ -1,4 +1,15 @@
-/* From robot, actuation and loads to break points, sections and steps. SI throughout. */
+/* From robot, actuation and loads to break points, sections and steps. SI throughout.
+
+   The equations are smooth but where something begins or ends: a piece of precurvature, a tube, a load. These break points
+   are collected from everything that has one, sorted along the arc length, and those closer than SAME_POINT of the length
+   are merged, as decimal inputs place equal points apart by rounding. What lies between two of them is a section, in which
+   the tubes present and their polynomials are fixed: all that is asked of a section is asked at its middle, so that no
+   comparison is ever made at a point where the answer changes. A section is cut into equal steps, none of which turns more
+   than LARGEST_TURN by a bound from the precurvatures, moments and forces.
+
+   Every break point knows what moves it, its mover: the tube that carries it, the arc length of a point load, or nothing.
+   Derivatives by translations and places follow from the movers. Where different movers meet at one point, a derivative
+   would depend on the direction in which they part: such movers are `tied`, and their derivatives are refused. */
 
 /* What moves a break point: a tube, i; the arc length of a point load, TUBES + k; nothing. A point row of zeros breaks no
    step, so that it may lie wherever it likes: it is IDLE. */
@@ -204,6 +215,7 @@ static int sort_breaks(Layout *layout) {
     if (!(all[count - 1].s > all[count - 2].s)) return REFUSED;
   }
   qsort(all, count, sizeof *all, by_arc_length);
+  /* Chains of close points are one: each is compared with the one before it, not with the first. */
   layout->breaks = 1;
   double before = all[0].s;
   for (int k = 1; k < count; k++) {
@@ -213,6 +225,7 @@ static int sort_breaks(Layout *layout) {
     before = next.s;
   }
   layout->at[layout->breaks - 1].s = layout->length;
+  /* From here on, ends and loads stand exactly at break points. */
   for (int i = 0; i < TUBES; i++) layout->ends[i] = layout->at[nearest(layout, layout->ends[i])].s;
   for (int k = 0; k < loads->points; k++) {
     const PointLoad *load = loads->point + k;

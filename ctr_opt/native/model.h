@@ -1,4 +1,18 @@
-/* One sweep that leaves the tip conditions, predictions at probes, and the derivatives of all of them. SI. */
+/* One sweep that leaves the tip conditions, predictions at probes, and the derivatives of all of them. SI.
+
+   The unknowns need not be those of an equilibrium: estimates treat them as unknowns of their own, with the tip conditions
+   as equations. States and all directions are carried from the entry to the tip once. At a break point, in this order: poses
+   are read (the state is continuous but for moments), curvatures of tubes that end there from within them, loads jump, and
+   curvatures of the tubes that go on.
+
+   A pose is that of the backbone frame R turned by the tube's angle about the tangent; its rate in the world is
+   R (phi + dpsi e3). A probe at a fixed place does not move with its break point, one that rides on a tube's end does: where
+   a direction moves the probe by more than the break point that stands for it, the state changes by its slope times the
+   difference. Curvature is the turn that the state's own rate makes, so its change is that of the rate: the same products as
+   in a step, at the data of that place.
+
+   At an equilibrium dr = 0 = (dr/dz) dz + dr/dp, so that what depends on z and p changes with p by
+   dy/dp - dy/dz (dr/dz)^-1 dr/dp in all: `total_rates`. */
 
 /* The material frame of a tube at a state, 3 x 4 with the position. */
 static void pose_of(const Layout *layout, const double *x, int tube, double *pose) {

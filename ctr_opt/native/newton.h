@@ -1,4 +1,18 @@
-/* Newton's method and continuation, never silent: each returns 0 only where it converged. */
+/* Newton's method and continuation, never silent: each returns 0 only where it converged.
+
+   Unknown are the moments (and the force) z at the entry; the tip conditions r(z) must vanish. A sweep that yields r costs
+   a fraction of one that yields the Jacobian J too. So Newton's method with fresh Jacobians is only used until a step is
+   short (NEARBY). From there Broyden's method updates the inverse H of the last J with each sweep,
+     H += (dz - H dr) dz^T H / (dz^T H dr).
+   Steps must shrink by CONTRACTION, or the method gives up.
+
+   On the way to another branch J becomes singular. Convergence alone does not show that, so a warm start and a continuation
+   both check that J stays regular between its values a and b where they come from and where they arrive. With
+   M = (b - a)(b + a)^-1, a point between them is (1 - t) a + t b = (1 - M)^-1 (1 + (2t - 1) M) a: if the spectral radius
+   of M is below 1, none is singular. REGULAR keeps a margin.
+
+   A cold start follows the solution from the straight robot, where z = 0, while loads and precurvatures grow together: a
+   secant predicts, Newton corrects, and the step is halved where J is not regular between two points. */
 
 static const double CONTRACTION = 0.5, MOST_INVERSE = 1e4;
 static const double REGULAR = 0.6, VERY_REGULAR = 0.2; /* the latter after steps that are long for an old Jacobian */
@@ -91,7 +105,7 @@ static int approach(const Case *c, double *inverse_, const Goal *goal, double si
   return DIVERGED;
 }
 
-/* The same with fresh Jacobians, until Broyden's method finishes. */
+/* Newton's method with fresh Jacobians, until Broyden's method finishes. */
 static int polish(const Case *c, const Goal *goal, Found *found) {
   double residual[NZ], jacobian[NZ * NZ], inverse_[NZ * NZ], before = INFINITY;
   for (int iteration = 0; iteration < 6; iteration++) {

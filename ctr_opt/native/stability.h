@@ -1,5 +1,5 @@
-/* The number of directions in which the potential energy falls: see transcription/second_variation.py, whose steps these
-   are. Negative: not defined, or the steps are too coarse to tell. */
+/* The number of directions in which the potential energy falls: see transcription/second_variation.py, which derives the
+   steps taken here, backward from the tip. Negative: not defined, or the steps are too coarse to tell. */
 
 enum { NOT_TOLD = -1, MANY = 2 * (2 + TUBES), COUNTED = PADDED(MANY) };
 

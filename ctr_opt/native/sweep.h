@@ -1,7 +1,17 @@
 /* Integration along the robot, alone and with directions of change.
 
-   The model (rates, slopes, behind) is generated from the symbolic equations. The data of a step stand in a column
-   of numbers: its length, the parts PART_SIZE, and the point load at its end. */
+   An explicit Runge-Kutta method takes the state x over a step of length h by x_j = x + h sum_i a_ji k_i, k_j = f(x_j) and
+   x + h sum_j b_j k_j. A direction dx of change obeys the same recursion linearized: dk_j = f'(x_j) dx_j, with dx_j formed
+   from dx and dk_i by the same coefficients. That is the exact derivative of the discrete step, whatever the step's error.
+   Where the step's length or its data change too, h dk_j gains k_j dh and (df/d data) d data: the forcing.
+
+   f' is applied in two sparse factors: first the turn phi of the frame and the change du of the curvature that dx makes (5
+   numbers, `inner`), then the change of f by dx itself, phi and du (`outer`). A block of directions stands side by side,
+   width numbers for each entry of the state, so that the compiler works on all of them at once. `record` keeps the factors
+   of each stage, `carry` takes one block of directions through what was recorded.
+
+   The model (rates, slopes, behind) is generated from the symbolic equations. The data of a step stand in a column of
+   numbers: its length, the parts PART_SIZE, and the point load at its end. */
 
 enum { DISTRIBUTED = 1, VARYING = 2, LOADED = 4 }; /* loads per length; precurvature that varies; a point load ends it */
 
