@@ -140,7 +140,7 @@ class Allowed:
         least, most = np.where(free, -np.pi, self.lower[:tubes]), np.where(free, np.pi, self.upper[:tubes])
         here, moves = start.copy(), np.arange(2 * tubes) >= tubes
         moves &= self.lower < self.upper
-        found = np.empty((count, 2 * tubes))
+        drawn = np.empty((count, 2 * tubes))
         for k in range(_MIXING * count):
             along = moves * rng.normal(size=2 * tubes)
             room, rate = self.room(here), self.rows @ along
@@ -148,9 +148,9 @@ class Allowed:
             if up.any():
                 low, high = (room[down] / rate[down]).max(initial=-np.inf), (room[up] / rate[up]).min()
                 here = self.kept(here + rng.uniform(min(low, 0.0), max(high, 0.0)) * along)
-            found[k // _MIXING] = here
-        found[:, :tubes] = least + (most - least) * rng.random((count, tubes))
-        return found
+            drawn[k // _MIXING] = here
+        drawn[:, :tubes] = least + (most - least) * rng.random((count, tubes))
+        return drawn
 
 
 def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[Array, Array]:

@@ -61,7 +61,7 @@ class InverseKinematicsProblem:
     Notes
     -----
     ``docs/inverse_kinematics.md``. Searches are damped Gauss-Newton steps with the exact Jacobian within the limits,
-    each solved on the branch of the shape before it; break points are sorted anew in every solve.
+    each solved on the branch of the shape before it; break points are sorted again in every solve.
 
     Examples
     --------
@@ -161,7 +161,7 @@ class InverseKinematicsProblem:
             One list of loads for all targets, or a list of them for each: where it changes, the robot is first loaded
             as it stands.
         initial
-            The current shape, from which the path leads to the first target. So is a path planned anew when a load
+            The current shape, from which the path leads to the first target. So is a path planned again when a load
             appears: from the current shape, with the new loads. Default: it begins at the first target, with the first
             of several answers there from which it leads to the last.
         axes

@@ -81,19 +81,20 @@ class InverseKinematicsResult:
         cls, search: TipSearch, point: Point, reference: Array, *, starts: int, solve_time: float
     ) -> InverseKinematicsResult:
         """The end of a search as its answer; ``reference`` are the joints where it began."""
-        (position, angle), reached = point.errors, point.ending is Ending.REACHED
-        turned = f" and {np.rad2deg(angle):.3g} deg" if search.target.turns else ""
-        why = (
-            f"the nearest stable shape found from {starts} start{'s' if starts > 1 else ''} leaves the tip "
-            f"{1e3 * position:.3g} mm{turned} from the target: {point.ending.value}{search.limits_at(point)}"
-        )
+        (position, angle), message = point.errors, ""
+        if point.ending is not Ending.REACHED:
+            turned = f" and {np.rad2deg(angle):.3g} deg" if search.target.turns else ""
+            message = (
+                f"the nearest stable shape found from {starts} start{'s' if starts > 1 else ''} leaves the tip "
+                f"{1e3 * position:.3g} mm{turned} from the target: {point.ending.value}{search.limits_at(point)}"
+            )
         return cls(
             actuation=point.equilibrium.actuation,
             equilibrium=point.equilibrium,
             position_error=position,
             angle_error=angle,
-            status=InverseKinematicsStatus.CONVERGED if reached else InverseKinematicsStatus.UNREACHABLE,
-            message="" if reached else why,
+            status=InverseKinematicsStatus.UNREACHABLE if message else InverseKinematicsStatus.CONVERGED,
+            message=message,
             limits=search.allowed.active(point.joints),
             distance=search.distance(point, reference),
             starts=starts,

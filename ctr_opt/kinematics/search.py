@@ -1,7 +1,7 @@
 """From a shape to one whose tip is at a target: damped Gauss-Newton steps within the limits, along one branch.
 
 Every step is solved as a neighbour of the shape before; where the branch is in doubt the step is cut. Between steps
-break points are sorted anew, as in any solve. Joints are counted in weights: lengths of steps and distances are those
+break points are sorted again, as in any solve. Joints are counted in weights: lengths of steps and distances are those
 of ``weights * joints``.
 """
 
@@ -24,10 +24,10 @@ from .targets import LENGTH, Target
 
 _MOST_STEPS = 60
 _LONGEST, _SHORTEST = 0.7, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
-_PART = 0.05  # of a step that is longer than trusted: less is not cut from it, but sought within what is trusted
+_PART = 0.05  # of a step that is longer than trusted: not cut to less, but solved again within what is trusted
 _DAMPING, _LEAST_DAMPING = 1e-2, 1e-8  # over the squared misfit, up to one; of all
 _GOOD, _POOR, _USELESS = 0.75, 0.25, 1e-3  # gained of what a step promised
-_AIM, _ENOUGH = 0.5, 0.9  # of the tolerances: sought, and accepted; a tenth is left to the errors of the solves
+_AIM, _ENOUGH = 0.5, 0.9  # of the tolerances: aimed at, and accepted; a tenth is left to the errors of the solves
 _NOTHING = 1e-6  # of the squared misfit: steps that promise less lead nowhere
 _SETTLED = 1e-2  # of the distance: nearer is not worth a step
 _SETTLING = 8  # such steps at most
@@ -119,8 +119,8 @@ class TipSearch:
     def moved(self, point: Point, step: Array) -> Point | None:
         """The point a weighted step away, if it is on the same branch."""
         joints = self.allowed.kept(point.joints + step / self.weights)
-        found = self._solved(joints, point.equilibrium)
-        return None if found is None else Point(found, self.target)
+        shape = self._solved(joints, point.equilibrium)
+        return None if shape is None else Point(shape, self.target)
 
     def reach(self, point: Point) -> Point:
         """To the target, or as near as it goes from here."""

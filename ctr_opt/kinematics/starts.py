@@ -114,11 +114,11 @@ class ShapeTable:
         """Which shapes have the nearest tips when turned about the entry's axis as a whole, and their turns."""
         axes = target.axes.shape[1]
         scale = np.array([1.0 / LENGTH, *[1.0 / np.sqrt(max(axes - 1, 1))] * axes])  # chords squared, as angles squared
-        own = scale * np.concatenate((self.poses[:, :3, 3:], self.poses[:, :3, 3 - axes : 3]), axis=2)
+        placed = scale * np.concatenate((self.poses[:, :3, 3:], self.poses[:, :3, 3 - axes : 3]), axis=2)
         wanted = scale * np.column_stack((target.position, target.axes))
-        (x, y, z), (u, v, w) = np.moveaxis(own, 1, 0), wanted
+        (x, y, z), (u, v, w) = np.moveaxis(placed, 1, 0), wanted
         along, across = x @ u + y @ v, x @ v - y @ u
-        chords = (own**2).sum(axis=(1, 2)) - 2.0 * (np.hypot(along, across) + z @ w)
+        chords = (placed**2).sum(axis=(1, 2)) - 2.0 * (np.hypot(along, across) + z @ w)
         near = np.argsort(chords)[:_RANKED]
         return near, np.arctan2(across[near], along[near])
 

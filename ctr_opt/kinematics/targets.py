@@ -66,9 +66,9 @@ class Target:
         """Rotation vectors ``(k, 3)`` that take many frames ``(k, 3, 3)`` to the axes, but for those of half a turn."""
         if not self.turns:
             return np.zeros((len(frames), 3))
-        own = frames[:, :, 3 - self.axes.shape[1] :]
-        alike = (own * self.axes).sum(axis=(1, 2))
-        across = np.cross(own, self.axes, axisa=1, axisb=0).sum(axis=1)
+        reached = frames[:, :, 3 - self.axes.shape[1] :]
+        alike = (reached * self.axes).sum(axis=(1, 2))
+        across = np.cross(reached, self.axes, axisa=1, axisb=0).sum(axis=1)
         if self.axes.shape[1] == 3:
             alike, across = 0.5 * (alike - 1.0), 0.5 * across
         sines = np.linalg.norm(across, axis=1)

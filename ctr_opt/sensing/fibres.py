@@ -125,14 +125,14 @@ def curvature_from_strains(
         spread = np.diag(deviations_of(sigma, len(places), unit="") ** 2)
     chol = np.linalg.cholesky(np.eye(len(places)) if spread is None else spread)
     solver = np.linalg.pinv(np.linalg.solve(chol, design / scales)) @ np.linalg.inv(chol) / scales[:, None]
-    found = measured @ solver.T
-    residuals = measured - found @ design.T
+    answers = measured @ solver.T
+    residuals = measured - answers @ design.T
     if spread is None:
-        over = residuals.size - found.size
+        over = residuals.size - answers.size
         spread = np.sum(residuals**2) / over * np.eye(len(places)) if over >= _FEWEST else None
     known = None if spread is None else symmetric(solver @ spread @ solver.T)
-    common = found[:, 2] if temperature else np.zeros(len(found))
-    return FibreCurvature(found[:, :2], common, known, residuals)
+    common = answers[:, 2] if temperature else np.zeros(len(answers))
+    return FibreCurvature(answers[:, :2], common, known, residuals)
 
 
 def _check_cores(design: Array, scales: Array) -> None:

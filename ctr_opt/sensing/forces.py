@@ -135,13 +135,13 @@ def wire_direction(points: Any, *, sigma: Any = None, covariances: Any = None) -
     if estimated:
         deviation = float(np.sqrt(np.sum(residuals**2) / (2 * len(points) - 4)))
         covariance = covariance * deviation**2
-    found = WireDirection(direction, covariance, residuals, deviation)
-    if found.angle_deviation > _UNCERTAIN:
+    wire = WireDirection(direction, covariance, residuals, deviation)
+    if wire.angle_deviation > _UNCERTAIN:
         raise DefinitionError(
             f"points: they span little more than their noise, so the direction has a standard deviation of "
-            f"{found.angle_deviation:.2g} rad, allowed {_UNCERTAIN:g}"
+            f"{wire.angle_deviation:.2g} rad, allowed {_UNCERTAIN:g}"
         )
-    return found
+    return wire
 
 
 def hanging_mass(

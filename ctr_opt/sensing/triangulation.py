@@ -210,7 +210,7 @@ def _refined(views: _Views, points: Array) -> Array:
         # At most a quarter of the distance, so that no step leads behind a camera.
         trial = points + step * np.minimum(factor, 0.25 * scale / np.maximum(size, 1e-300))[:, None]
         new_errors, new_jacobians = views.errors(trial)
-        cost, new_cost = (np.sum(each**2, axis=(1, 2)) for each in (errors, new_errors))
+        cost, new_cost = (np.sum(values**2, axis=(1, 2)) for values in (errors, new_errors))
         better = new_cost <= cost * (1.0 + 1e-9) + 1e-18
         factor = np.where(better, 1.0, 0.5 * factor)
         points = np.where(better[:, None], trial, points)

@@ -39,6 +39,13 @@ def test_undistortion_inverts_the_lens_in_all_of_the_image(distortion):
     np.testing.assert_allclose(again, pixels, atol=1e-7)  # what is promised
 
 
+def test_strong_pincushion_distortion_is_undone():
+    """Where the fixed point that OpenCV iterates need not converge."""
+    camera, flat = Camera(K, distortion=[1.2, 0, 0, 0]), np.column_stack((np.linspace(-0.9, 0.9, 7), np.full(7, 0.5)))
+    pixels = brown_conrady(camera, np.column_stack((flat, np.ones(7))))
+    np.testing.assert_allclose(camera.undistort(pixels), flat, atol=1e-9)  # 1e-7 px over a focal length of 800 px
+
+
 def test_rays_go_through_the_points_they_show():
     camera, points = stereo()[1], cloud(30)
     rays = camera.rays(brown_conrady(camera, points))
