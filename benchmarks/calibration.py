@@ -17,7 +17,8 @@ from scipy.optimize import minimize
 import ctr_opt as ctr
 from ctr_opt.estimation.losses import Loss
 from ctr_opt.files.calibration import load_calibration
-from ctr_opt.native.predictions import Predictions, Probe
+from ctr_opt.layout.observables import Observable, Stacked
+from ctr_opt.native.predictions import Predictions
 
 from .calibration_data import FILE, PLACES
 
@@ -39,9 +40,8 @@ class Objective:
         self.weights = np.array([each.measurements[0].isotropic for each in estimation.experiments])
         self.loss = Loss("distance", 3)
         self.equilibria = estimation.equilibria(unknowns.initial)
-        probes = [Probe(0.0, 0), Probe(None, 1), Probe()]
-        assert (0.0, ctr.Distal(1), None) == PLACES
-        self.model = Predictions(estimation.robot, [], self.cases, probes)
+        observables = [Observable("pose", place) for place in PLACES]
+        self.model = Predictions(estimation.robot, [], self.cases, observables)
         self.joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in self.cases])
         self.evaluations = 0
 
@@ -52,7 +52,7 @@ class Objective:
             problem.solve(*case, initial=before) for case, before in zip(self.cases, self.equilibria, strict=True)
         ]
         told = self.model.moved(robot, self.joints).at([each.unknowns for each in self.equilibria])
-        misfit = np.einsum("epij,epj->epi", self.weights, told.poses[..., 3] - self.measured)
+        misfit = np.einsum("epij,epj->epi", self.weights, Stacked.of(told.observed).value[..., 3] - self.measured)
         self.evaluations += 1
         return float(self.loss.evaluate((misfit**2).sum(axis=-1))[0].sum())
 

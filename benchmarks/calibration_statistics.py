@@ -14,9 +14,9 @@ from scipy.stats import binom, chi2, norm
 import ctr_opt as ctr
 from ctr_opt.calibration.fit import REJECTED
 from ctr_opt.estimation.losses import LOSSES
-from ctr_opt.estimation.measurements.kind import arc_length_of
 from ctr_opt.files.calibration import load_calibration
 from ctr_opt.layout.ends import Ends
+from ctr_opt.layout.observables import arc_length_of
 from ctr_opt.robot.names import unit_of
 
 from .calibration_data import FILE, PLACES

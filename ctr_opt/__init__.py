@@ -24,8 +24,8 @@ from .errors import (
 from .estimation.experiment import Experiment
 from .estimation.measurements import (
     BackboneMeasurement,
+    BaseWrenchMeasurement,
     CurvatureMeasurement,
-    Distal,
     ForceMeasurement,
     PoseMeasurement,
     PositionMeasurement,
@@ -49,6 +49,7 @@ from .forward.record import BaseMoments
 from .kinematics.limits import JointLimits
 from .kinematics.problem import InverseKinematicsProblem
 from .kinematics.result import InverseKinematicsPath, InverseKinematicsResult, InverseKinematicsStatus
+from .layout.observables import Distal
 from .loads.distributed import DistributedLoad
 from .loads.expression import ExpressionLoad
 from .loads.gravity import Gravity
@@ -70,8 +71,8 @@ from .version import __version__
 
 # fmt: off
 __all__ = [
-    "Actuation", "Arc", "BackboneMeasurement", "BaseMoments", "Batch", "CalibrationProblem", "Collocation",
-    "CompilationError", "Contacts", "CtrOptError", "CurvatureMeasurement", "DefinitionError", "Distal",
+    "Actuation", "Arc", "BackboneMeasurement", "BaseMoments", "BaseWrenchMeasurement", "Batch", "CalibrationProblem",
+    "Collocation", "CompilationError", "Contacts", "CtrOptError", "CurvatureMeasurement", "DefinitionError", "Distal",
     "DistributedForce", "DistributedLoad", "DistributedMass", "Equilibrium", "EstimationError", "EstimationWarning",
     "Experiment", "ExpressionLoad", "Fit", "ForceEstimate", "ForceEstimationProblem", "ForceEstimator",
     "ForceMeasurement", "ForwardProblem", "Gravity", "Homotopy", "InverseKinematicsPath",

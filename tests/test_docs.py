@@ -109,14 +109,14 @@ def test_the_files_in_the_docs_load(tmp_path):
     (tmp_path / "problem.toml").write_text(problem)
     (tmp_path / "curvature.csv").write_text("0, 0, 7, 0\n0.02, 0, 7, 0\n0.05, 0, 8, 0\n")
     (tmp_path / "load.csv").write_text("0, 1, 0, 0, 0, 0, 0\n0.1, 1, 0, 0, 0, 0, 0\n")
-    assert len(ctr.load_problem(tmp_path / "problem.toml").loads) == 6
+    assert len(ctr.load_problem(tmp_path / "problem.toml").loads) == 7
     (tmp_path / "plan.toml").write_text(plan)
     (tmp_path / "plan.csv").write_text(*blocks("docs/files.md", "csv"))
     assert len(ctr.load_plan(tmp_path / "plan.toml").problems) == 1
     (tmp_path / "force.toml").write_text(force)
     (tmp_path / "points.csv").write_text("x [mm], y [mm], z [mm]\n0, 0, 50\n1, 0, 100\n")
     (tmp_path / "curvatures.csv").write_text("s [mm], u_x [1/m], u_y [1/m]\n20, 7, 0\n40, 7, 0.1\n")
-    assert len(load_force_problem(tmp_path / "force.toml").measurements) == 6
+    assert len(load_force_problem(tmp_path / "force.toml").measurements) == 7
     start, end = force.index("[[unknown]]"), force.index("[[measurements]]")
     (tmp_path / "others.toml").write_text(force[:start] + unknown.replace('"150 mm"', '"15 mm"') + force[end:])
     assert len(load_force_problem(tmp_path / "others.toml").problem.unknown) == 4

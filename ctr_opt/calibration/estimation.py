@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 from ..checks import Array, choice
 from ..errors import DefinitionError, EstimationError, SolveError
 from ..estimation.comparison import Comparison
-from ..estimation.compiled_model import CompiledModel, compilable
 from ..estimation.experiment import Experiment
 from ..estimation.losses import LOSSES, Loss
 from ..estimation.measurements import Measurement
-from ..estimation.measurements.kind import Prediction, Request
+from ..estimation.models.compiled import CompiledModel, compilable
+from ..estimation.models.symbolic import SymbolicModel, structure
 from ..estimation.places import Orders, free, moved, nearest, orders
 from ..estimation.sensors import names_of, sensed
-from ..estimation.symbolic_model import GroupModel, structure
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
+from ..layout.observables import Observable, ObservedList
 from ..robot.names import parsed
 from ..robot.robot import Robot
 from .unknowns import Parameter, Unknowns
@@ -83,7 +83,7 @@ class Layout:
 
     group: int
     names: tuple[str, ...]
-    requests: tuple[Request, ...]
+    observables: tuple[Observable, ...]
     blocks: tuple[tuple[int, int, int], ...]
     """Where each block starts in the misfit, its size, and the measurement it belongs to."""
     orders: Orders
@@ -127,7 +127,7 @@ class Group:
     unit: Array
     comparison: Comparison
     compiled: CompiledModel | None = None
-    symbolic: GroupModel | None = None
+    symbolic: SymbolicModel | None = None
     start: Array | None = None
 
 
@@ -198,10 +198,10 @@ class Estimation:
         for k, each in enumerate(self.experiments):
             names = tuple(dict.fromkeys(name for name, _, _ in self.unknowns.acting(k)))
             measured = tuple((type(m), m.shape) for m in each.measurements)
-            requests = each.framed(self._ends[k])
-            key = (structure(self.robot, each.actuation, each.loads, requests), names, measured, orders(each))
+            observables = each.framed(self._ends[k])
+            key = (structure(self.robot, each.actuation, each.loads, observables), names, measured, orders(each))
             group = groups.setdefault(key, len(groups))
-            layouts.append(Layout(group, names, requests, _blocks(each), orders(each)))
+            layouts.append(Layout(group, names, observables, _blocks(each), orders(each)))
         return layouts
 
     def members(self, group: int) -> list[int]:
@@ -302,11 +302,11 @@ class Estimation:
         for group in range(self.groups):
             members = self.members(group)
             first, names = members[0], self.layouts[members[0]].names
-            each, requests = self.experiments[first], self.layouts[first].requests
+            each, observables = self.experiments[first], self.layouts[first].observables
             configuration = Configuration(self.robot, equilibria[first].actuation, each.loads)
             sizes = self.unknowns.sizes(names, first)
             rows = [_rows(self.unknowns.acting(k), sizes, self.unknowns.size) for k in members]
-            sensors = names_of(requests)
+            sensors = names_of(observables)
             mounted = self.unknowns.of_sensors(sensors)
             own = np.array([np.flatnonzero(row.any(axis=0) | mounted.any(axis=0)) for row in rows])
             mixing = np.array([row[:, those] for row, those in zip(rows, own, strict=True)])
@@ -317,19 +317,19 @@ class Estimation:
             parts["ends"] = np.array([self._ends[k].points for k in members])
             parts["ends_x"] = _ends_x(mixing, sizes, len(self.robot.tubes))
             parts["comparison"] = Comparison([self.experiments[k].measurements for k in members], self.whitener)
-            if compilable(self.robot, each.loads, requests, names, self.compiled):
-                every = [self.layouts[k].requests for k in members]
+            if compilable(self.robot, each.loads, observables, names, self.compiled):
+                every = [self.layouts[k].observables for k in members]
                 self.models.append(Group(**parts, compiled=CompiledModel(every, sizes)))
             else:
                 steps = max(equilibria[k].solved().steps for k in members[:: max(1, len(members) // 100)])
-                model = GroupModel(configuration, requests, names, steps)
+                model = SymbolicModel(configuration, observables, names, steps)
                 self.models.append(Group(**parts, symbolic=model, start=self._numbers(model, members)))
 
-    def _numbers(self, model: GroupModel, members: list[int]) -> Array:
+    def _numbers(self, model: SymbolicModel, members: list[int]) -> Array:
         initial = self.unknowns.initial
         values = {name: np.asarray(value) for name, value in self.unknowns.robot_numbers(initial).items()}
-        at = [(self.unknowns.experiment_at(initial, k), self.layouts[k].requests) for k in members]
-        return np.array([model.numbers(values, *experiment, requests) for experiment, requests in at])
+        at = [(self.unknowns.experiment_at(initial, k), self.layouts[k].observables) for k in members]
+        return np.array([model.numbers(values, *experiment, observables) for experiment, observables in at])
 
     @property
     def units(self) -> list[Array]:
@@ -364,8 +364,8 @@ class Estimation:
             numbers = slopes.shape[-1]
             if group.sensors:
                 mountings = {name: self.unknowns.mounting(name, x) for name in group.sensors}
-                requests = self.layouts[group.members[0]].requests
-                predictions = sensed(requests, predictions, mountings)
+                observables = self.layouts[group.members[0]].observables
+                predictions = sensed(observables, predictions, mountings)
             misfit, rates = group.comparison.compare(predictions)
             along = group.comparison.along(predictions)
             misfit_x = rates[..., n:numbers] @ group.mixing + rates[..., numbers:] @ group.mounting
@@ -381,7 +381,7 @@ class Estimation:
         every, longest = np.arange(len(ends)), ends.argmax(axis=1)
         return ends[every, longest], group.ends_x[every, longest]
 
-    def _evaluate(self, group: Group, x: Array, z: Array, s: Array) -> tuple[Array, list[Prediction], Array]:
+    def _evaluate(self, group: Group, x: Array, z: Array, s: Array) -> tuple[Array, ObservedList, Array]:
         """Residuals, predictions, and the residuals' slopes of a group; ``s``: arc lengths that are estimated."""
         if group.symbolic is not None and group.start is not None:
             theta = group.start.copy()

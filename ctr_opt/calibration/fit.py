@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ..checks import Array
 from ..errors import EstimationError
-from ..estimation.measurements.kind import Somewhere, arc_length_of
 from ..layout.ends import Ends
+from ..layout.observables import Somewhere, arc_length_of
 from ..robot.actuation import Actuation
 from ..robot.names import symbol
 from ..robot.robot import Robot
@@ -269,9 +269,9 @@ class Fit:
             start, places = 0, iter(each.places * ends.length)
             for j, measured in enumerate(experiment.measurements):
                 count, size = measured.shape
-                for i, request in enumerate(measured.requests[:count]):
+                for i, one in enumerate(measured.observables[:count]):
                     value = np.linalg.solve(self._estimation.whitener(measured)[i], each.misfit[start : start + size])
-                    place = request.place
+                    place = one.place
                     s = float(next(places)) if isinstance(place, Somewhere) else arc_length_of(place, ends)
                     found.append(Residual(k, j, i, s, value))
                     start += size

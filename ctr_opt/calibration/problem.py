@@ -87,7 +87,7 @@ class CalibrationProblem:
 
     def _check_sensors(self) -> None:
         """Refuse poses of sensors that nothing was measured with."""
-        there = names_of([request for each in self.experiments for request in each.requests])
+        there = names_of([one for each in self.experiments for one in each.observables])
         for entry in self._estimation.unknowns.entries:
             match parsed(entry.acts_on[0]):
                 case ("sensors", name, _) if name not in there:

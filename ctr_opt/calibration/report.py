@@ -8,8 +8,9 @@ import numpy as np
 
 from ..checks import Array
 from ..estimation.losses import SMOOTHING
-from ..estimation.measurements import Distal, Measurement
-from ..estimation.measurements.kind import POINTS, Part, Request, Somewhere
+from ..estimation.measurements import Measurement
+from ..estimation.measurements.kind import POINTS, Part
+from ..layout.observables import Distal, Observable, Somewhere
 from ..robot.names import shown, symbol
 from .fit import REJECTED
 
@@ -140,9 +141,9 @@ def measurement_of(fit: Fit, residual: Residual) -> Measurement:
     return fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
 
 
-def request_of(fit: Fit, residual: Residual) -> Request:
-    """The prediction that a residual is of."""
-    return measurement_of(fit, residual).requests[residual.block]
+def observable_of(fit: Fit, residual: Residual) -> Observable:
+    """What a residual is observed of, and where."""
+    return measurement_of(fit, residual).observables[residual.block]
 
 
 def is_point(fit: Fit, residual: Residual) -> bool:
@@ -161,20 +162,20 @@ def sizes_by_place(fit: Fit, part: Part) -> dict[str, Array]:
 def by_place(fit: Fit, part: Part) -> dict[str, list[Residual]]:
     """The residuals with such a part by where they were measured: ends of tubes, the tip, sensors, arc lengths."""
     those = [each for each in fit.residuals if part in measurement_of(fit, each).parts]
-    requests = [request_of(fit, each) for each in those]
-    few = len({one.place for one in requests if isinstance(one.place, float)}) <= _FEW
+    observables = [observable_of(fit, each) for each in those]
+    few = len({one.place for one in observables if isinstance(one.place, float)}) <= _FEW
     groups: dict[str, list[Residual]] = {}
-    for each, one in zip(those, requests, strict=True):
+    for each, one in zip(those, observables, strict=True):
         name = ", ".join(filter(None, (part.title, _where(one, few))))
         groups.setdefault(name if one.sensor is None else f"{name} ({one.sensor})", []).append(each)
     return groups
 
 
-def _where(request: Request, few: bool) -> str:
-    """Where a prediction is, in words; ``few``: arc lengths are told one by one."""
-    place = request.place
-    if request.kind in ("torque", "force"):
-        return f"tube {request.tube}"
+def _where(one: Observable, few: bool) -> str:
+    """Where something is observed, in words; ``few``: arc lengths are told one by one."""
+    place = one.place
+    if one.quantity.at != "place":
+        return "" if one.tube is None else f"tube {one.tube}"
     if place is None:
         return "tip"
     if isinstance(place, Distal):

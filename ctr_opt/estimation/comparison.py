@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..checks import Array
+from ..layout.observables import ObservedList, Somewhere, Stacked
 from .measurements import Measurement
-from .measurements.kind import PredictionList, Somewhere, Stacked
 
 
 class Comparison:
@@ -20,33 +20,33 @@ class Comparison:
     def __init__(self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]) -> None:
         self._columns = [_Column(list(column), whitener) for column in zip(*measurements, strict=True)]
 
-    def compare(self, predictions: PredictionList) -> tuple[Array, Array]:
+    def compare(self, predictions: ObservedList) -> tuple[Array, Array]:
         """Whitened misfits ``(experiments, numbers)`` and their derivatives, from predictions of all experiments."""
         if len(self._columns) == 1:
             return self._columns[0].compare(predictions)
         misfits, rates, start = [], [], 0
         for column in self._columns:
-            misfit, rate = column.compare(predictions[start : start + column.requests])
-            start += column.requests
+            misfit, rate = column.compare(predictions[start : start + column.observables])
+            start += column.observables
             misfits.append(misfit)
             rates.append(rate)
         return np.concatenate(misfits, axis=1), np.concatenate(rates, axis=1)
 
-    def along(self, predictions: PredictionList) -> Array:
+    def along(self, predictions: ObservedList) -> Array:
         """Derivatives of the whitened misfits by the arc lengths that are estimated, ``(experiments, numbers, k)``.
 
         A point moves along the tangent of the backbone, by as much as its arc length, and nothing else moves.
         """
         size = sum(column.numbers for column in self._columns)
-        count = sum(column.requests for column in self._columns if column.somewhere)
+        count = sum(column.observables for column in self._columns if column.somewhere)
         slopes = np.zeros((len(predictions[0].value), size, count))
         row = place = start = 0
         for column in self._columns:
-            those = slice(start, start := start + column.requests)
+            those = slice(start, start := start + column.observables)
             if column.somewhere:
-                points = np.arange(column.requests)[:, None]
+                points = np.arange(column.observables)[:, None]
                 slopes[:, row + 3 * points + np.arange(3), place + points] = column.tangents(predictions[those])
-                place += column.requests
+                place += column.observables
             row += column.numbers
         return slopes
 
@@ -56,18 +56,18 @@ class _Column:
 
     def __init__(self, measurements: list[Measurement], whitener: Callable[[Measurement], Array]) -> None:
         self.measurements = measurements
-        self.requests = len(measurements[0].requests)
+        self.observables = len(measurements[0].observables)
         self.numbers = int(np.prod(measurements[0].shape))
-        self.somewhere = isinstance(measurements[0].requests[0].place, Somewhere)
+        self.somewhere = isinstance(measurements[0].observables[0].place, Somewhere)
         self._whitener = np.array([whitener(one) for one in measurements])
 
-    def compare(self, predictions: PredictionList) -> tuple[Array, Array]:
+    def compare(self, predictions: ObservedList) -> tuple[Array, Array]:
         values, rates = self.measurements[0].compare(self.measurements, predictions)
         count = len(values)
         misfit = np.matmul(self._whitener, values[..., None])[..., 0]
         return misfit.reshape(count, -1), np.matmul(self._whitener, rates).reshape(count, -1, rates.shape[-1])
 
-    def tangents(self, predictions: PredictionList) -> Array:
+    def tangents(self, predictions: ObservedList) -> Array:
         """Whitened tangents of the backbone ``(experiments, points, 3)``."""
         tangents = Stacked.of(predictions).value[..., 2]
         return np.asarray(np.matmul(self._whitener, tangents[..., None])[..., 0])

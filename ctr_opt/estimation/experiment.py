@@ -8,10 +8,10 @@ import attrs
 
 from ..errors import DefinitionError
 from ..layout.ends import Ends
+from ..layout.observables import Observable, Somewhere, arc_length_of
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from .measurements import MEASUREMENTS, Measurement
-from .measurements.kind import Request, Somewhere, arc_length_of
 
 
 def _several(value: Any, field: str) -> tuple[Any, ...]:
@@ -74,24 +74,24 @@ class Experiment:
             raise DefinitionError(f"actuation = {value!r} must be an Actuation")
 
     @property
-    def requests(self) -> tuple[Request, ...]:
-        """The predictions that all measurements need, in their order."""
-        return tuple(request for each in self.measurements for request in each.requests)
+    def observables(self) -> tuple[Observable, ...]:
+        """Those of all measurements, in their order."""
+        return tuple(one for each in self.measurements for one in each.observables)
 
-    def framed(self, ends: Ends) -> tuple[Request, ...]:
-        """The same for a robot whose tubes end at ``ends``: see :meth:`Request.framed`."""
-        return tuple(request.framed(ends) for request in self.requests)
+    def framed(self, ends: Ends) -> tuple[Observable, ...]:
+        """The same for a robot whose tubes end at ``ends``: see :meth:`Observable.framed`."""
+        return tuple(one.framed(ends) for one in self.observables)
 
     def check_places(self, ends: Ends, where: str = "") -> None:
         """Refuse measurements where the robot is not, or not the tube that is meant; ``where`` begins the message."""
         for k, measurement in enumerate(self.measurements):
-            for request in measurement.requests:
-                s = 0.0 if isinstance(request.place, Somewhere) else arc_length_of(request.place, ends)
-                if s < 0.0 or not ends.reaches(request.on, s):
-                    whose = "the robot" if request.on is None else f"tube {request.on}"
+            for one in measurement.observables:
+                s = 0.0 if isinstance(one.place, Somewhere) else arc_length_of(one.place, ends)
+                if s < 0.0 or not ends.reaches(one.on, s):
+                    whose = "the robot" if one.on is None else f"tube {one.on}"
                     raise DefinitionError(
                         f"{where}measurements[{k}] is at s = {s:g} m, but {whose} reaches from 0 to "
-                        f"{ends.of(request.on):g} m there"
+                        f"{ends.of(one.on):g} m there"
                     )
 
     @property

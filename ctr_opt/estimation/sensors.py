@@ -8,37 +8,38 @@ from typing import TypeAlias
 import numpy as np
 
 from ..checks import Array
-from .compiled_model import euler_rates
-from .measurements.kind import Prediction, Request
+from ..layout.observables import Observable, Observed, ObservedList
+from ..robot.names import euler_rates
 
 Mounting: TypeAlias = "tuple[Array, Array]"
 """A sensor in a tube's frame: translation ``(3,)``, m, and XYZ Euler angles ``(3,)``, rad."""
 
 
-def names_of(requests: Sequence[Request]) -> tuple[str, ...]:
-    """The sensors whose poses are requested."""
-    return tuple(dict.fromkeys(each.sensor for each in requests if each.sensor is not None))
+def names_of(observables: Sequence[Observable]) -> tuple[str, ...]:
+    """The sensors whose poses are observed."""
+    return tuple(dict.fromkeys(one.sensor for one in observables if one.sensor is not None))
 
 
 def sensed(
-    requests: Sequence[Request], found: Sequence[Prediction], mountings: Mapping[str, Mounting]
-) -> list[Prediction]:
-    """Predictions with the poses of sensors in the place of the tubes' frames that carry them.
+    observables: Sequence[Observable], values: ObservedList, mountings: Mapping[str, Mounting]
+) -> list[Observed]:
+    """Values with the poses of sensors in the place of the tubes' frames that carry them.
 
     Behind the columns of the slopes come six more for each sensor, by its translation and its angles.
     """
     starts = {name: 6 * k for k, name in enumerate(mountings)}
-    told = []
-    for request, each in zip(requests, found, strict=True):
-        shown, more = each, np.zeros((*each.slopes.shape[:-1], 6 * len(mountings)))
-        if request.sensor is not None:
-            start = starts[request.sensor]
-            shown, more[..., start : start + 6] = _mounted(each, *mountings[request.sensor])
-        told.append(Prediction(shown.value, np.concatenate((shown.slopes, more), axis=-1)))
-    return told
+    seen = []
+    for k, one in enumerate(observables):
+        value = values[k]
+        more = np.zeros((*value.slopes.shape[:-1], 6 * len(mountings)))
+        if one.sensor is not None:
+            start = starts[one.sensor]
+            value, more[..., start : start + 6] = _mounted(value, *mountings[one.sensor])
+        seen.append(Observed(value.value, np.concatenate((value.slopes, more), axis=-1)))
+    return seen
 
 
-def _mounted(carrier: Prediction, translation: Array, angles: Array) -> tuple[Prediction, Array]:
+def _mounted(carrier: Observed, translation: Array, angles: Array) -> tuple[Observed, Array]:
     """Poses of a sensor on a frame, and their six rates by its translation and angles."""
     from scipy.spatial.transform import Rotation
 
@@ -48,4 +49,4 @@ def _mounted(carrier: Prediction, translation: Array, angles: Array) -> tuple[Pr
     moved = slopes[:, :3] + np.cross(slopes[:, 3:], arms[..., None], axis=1)
     own = np.zeros((len(frames), 6, 6))
     own[:, :3, :3], own[:, 3:, 3:] = frames, turned @ euler_rates(angles)
-    return Prediction(poses, np.concatenate((moved, slopes[:, 3:]), axis=1)), own
+    return Observed(poses, np.concatenate((moved, slopes[:, 3:]), axis=1)), own

@@ -11,12 +11,12 @@ from ..checks import array
 from ..errors import DefinitionError
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
+from ..layout.observables import Place, arc_length_of
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .experiment import Experiment
 from .measurements import Measurement, PositionMeasurement, TangentMeasurement
-from .measurements.kind import Place, arc_length_of
 from .sensors import Mounting
 
 

@@ -15,6 +15,7 @@ from ..checks import Array, choice, number
 from ..errors import DefinitionError
 from ..estimation.experiment import Experiment
 from ..estimation.losses import LOSSES
+from ..estimation.measurements import COLUMNS
 from ..robot.robot import Robot
 from .experiments import read_experiments
 from .problem import Problem, load_problem, load_robot
@@ -139,6 +140,7 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
     table, sigma = file.parent / data["experiments"], data["sigma"]
     tubes = len(robot.tubes)
     told = {"sigma": sigma.get("position"), "direction_sigma": sigma.get("direction"), "sensor": data.get("sensor")}
+    told["sigmas"] = {name: sigma[name] for name in COLUMNS if name in sigma}
     rows = read_experiments(table, tubes, **told) if measured else []
     hold_out = at(file, "", lambda: HoldOut(**data["hold_out"]) if "hold_out" in data else None)
     held = at(file, "", lambda: hold_out.of(len(rows)) if hold_out and rows else [])

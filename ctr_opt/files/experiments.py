@@ -15,14 +15,15 @@ from ..checks import Array, number
 from ..errors import DefinitionError
 from ..estimation.experiment import Experiment
 from ..estimation.measurements import (
+    COLUMNS,
     MEASUREMENTS,
-    Distal,
     Measurement,
     PoseMeasurement,
     PositionMeasurement,
     TangentMeasurement,
 )
-from ..estimation.measurements.kind import Place, whitening
+from ..estimation.measurements.kind import whitening
+from ..layout.observables import Distal, Place
 from ..loads.point import PointWrench
 from ..robot.actuation import Actuation
 from ..robot.names import shown
@@ -33,8 +34,6 @@ _AXES = ("x", "y", "z")
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _UNIT = 1e-2  # a quaternion's norm may be so far from one by rounding
 _POINT = re.compile(r"base|tip|tube\d+")
-COLUMNS = {name: unit for kind in MEASUREMENTS for name, unit in kind.columns.items()}
-"""Vectors that kinds of measurements have in a table, three columns each."""
 
 
 def read_experiments(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import attrs
 import numpy as np
 
-from ..estimation.measurements import Measurement
+from ..estimation.measurements import TABLES, Measurement
 from ..estimation.measurements.kind import Table, six
 from ..force.contact_number import Contacts
 from ..force.distributed import DistributedForce
@@ -172,9 +172,9 @@ def _unknown(file: Path, robot: Robot, k: int, table: Any) -> UnknownLoad | Cont
 
 
 def _measurement(file: Path, robot: Robot, k: int, table: Any) -> Measurement:
-    from .force_schemas import MEASUREMENT_TABLES, measurement_schemas
+    from .force_schemas import measurement_schemas
 
-    kinds = {kind: partial(_read, file.parent, described) for kind, described in MEASUREMENT_TABLES.items()}
+    kinds = {kind: partial(_read, file.parent, described) for kind, described in TABLES.items()}
     return _made(file, robot, f"measurements[{k}]", table, measurement_schemas(), kinds)
 
 

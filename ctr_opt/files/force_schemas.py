@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from marshmallow import fields
 
-from ..estimation.measurements import MEASUREMENTS
+from ..estimation.measurements import TABLES
 from ..estimation.measurements.kind import Entry, Table
 from .schemas import ActuationSchema, Quantity, SourceSchema, Strict, plain_text
 
@@ -150,14 +150,12 @@ UNKNOWN_LOAD_SCHEMAS = {
     "contacts": ContactsSchema,
     "distributed_force": DistributedForceSchema,
 }
-MEASUREMENT_TABLES = {table.kind: table for kind in MEASUREMENTS for table in kind.tables()}
-"""What describes a measurement in a file, by its ``kind``."""
 
 
 @cache
 def measurement_schemas() -> dict[str, type[Strict]]:
     """The schemas of these tables."""
-    return {kind: _schema(table) for kind, table in MEASUREMENT_TABLES.items()}
+    return {kind: _schema(table) for kind, table in TABLES.items()}
 
 
 def _schema(table: Table) -> type[Strict]:

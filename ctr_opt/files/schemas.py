@@ -9,6 +9,7 @@ from typing import Any
 
 from marshmallow import EXCLUDE, Schema, ValidationError, fields, pre_load, validate
 
+from ..estimation.measurements import COLUMNS
 from .units import to_si
 
 
@@ -262,11 +263,14 @@ class PlanSchema(Strict):
     expected = fields.Nested(ExpectedTipsSchema)
 
 
-class SigmaSchema(Strict):
+class _SigmaSchema(Strict):
     """``[sigma]`` of a calibration: standard deviations of what its table holds."""
 
     position = Quantity("m", 3, scalar_too=True)
     direction = Quantity("rad")
+
+
+SigmaSchema = _SigmaSchema.from_dict({name: Quantity(unit, 3, scalar_too=True) for name, unit in COLUMNS.items()})
 
 
 class CheckSchema(Strict):

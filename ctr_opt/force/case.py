@@ -14,19 +14,18 @@ from ..calibration.fit import Fit
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
 from ..estimation.comparison import Comparison
-from ..estimation.compiled_model import euler_rates
 from ..estimation.experiment import Experiment
 from ..estimation.losses import Loss
 from ..estimation.measurements import Measurement
-from ..estimation.measurements.kind import Request
 from ..estimation.places import nearest, orders
 from ..forward.equilibrium import Equilibrium
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
+from ..layout.observables import Observable
 from ..loads.gravity import Gravity
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
-from ..robot.names import Parameter, loads_with, parameters, parsed
+from ..robot.names import Parameter, euler_rates, loads_with, parameters, parsed
 from ..robot.robot import Robot
 from .distributed import DistributedForce
 from .model import LoadedModel, loaded_model
@@ -199,7 +198,7 @@ class Case:
 
     robot: Robot
     experiment: Experiment
-    requests: tuple[Request, ...]
+    observables: tuple[Observable, ...]
     numbered: Numbered
     errors: Errors
     loss: str
@@ -225,8 +224,8 @@ class Case:
         """A case; one of those ``kept`` that serves lends its model. ``steps``: as for ``loaded_model``."""
         ends = Ends.of_robot(robot, experiment.actuation.translations)
         experiment.check_places(ends)
-        unknown, requests = tuple(each.placed(ends) for each in unknown), experiment.framed(ends)
-        before = next((each for each in kept if each.serves(experiment, requests, ends, errors, unknown)), None)
+        unknown, observables = tuple(each.placed(ends) for each in unknown), experiment.framed(ends)
+        before = next((each for each in kept if each.serves(experiment, observables, ends, errors, unknown)), None)
         if before is not None:
             return before.again(experiment, ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
@@ -238,7 +237,7 @@ class Case:
             every,
             numbered.names,
             errors.names,
-            requests,
+            observables,
             compiled,
             steps,
         )
@@ -250,12 +249,12 @@ class Case:
         seen = Seen(comparison, starts, sizes, losses, orders(experiment))
         search = Search(model, experiment.actuation, unit, ends.length, sought, seen)
         rough = numbered.roughness()
-        return cls(robot, experiment, requests, numbered, errors, loss, compiled, ends, search, forces, rough)
+        return cls(robot, experiment, observables, numbered, errors, loss, compiled, ends, search, forces, rough)
 
     def serves(
         self,
         experiment: Experiment,
-        requests: tuple[Request, ...],
+        observables: tuple[Observable, ...],
         ends: Ends,
         errors: Errors,
         unknown: tuple[UnknownLoad, ...],
@@ -263,7 +262,7 @@ class Case:
         """Whether its model serves another experiment, too, with the same unknown loads, as they are placed there."""
         own = self.experiment
         return (
-            self.requests == requests
+            self.observables == observables
             and [type(each) for each in own.measurements] == [type(each) for each in experiment.measurements]
             and own.loads == experiment.loads
             and self.ends.innermost() == ends.innermost()

@@ -130,7 +130,7 @@ def _model(case: Case, grid: Array, tubes: NDArray[np.intp]) -> LoadedModel:
         experiment = case.experiment
         case.scans.clear()
         case.scans[key] = loaded_model(
-            case.robot, experiment.actuation, loads, names, (), experiment.requests, case.compiled, lambda: _STEPS
+            case.robot, experiment.actuation, loads, names, (), experiment.observables, case.compiled, lambda: _STEPS
         )
     case.scans[key].actuated(case.experiment.actuation)
     return case.scans[key]

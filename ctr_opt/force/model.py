@@ -14,10 +14,10 @@ import numpy as np
 
 from ..checks import Array
 from ..errors import EstimationError
-from ..estimation.compiled_model import arc_length, asked, compilable, of_probes, predicted, probe_of, probed
-from ..estimation.measurements.kind import PredictionList, Request, Somewhere, Stacked
-from ..estimation.symbolic_model import GroupModel
+from ..estimation.models.compiled import compilable
+from ..estimation.models.symbolic import SymbolicModel
 from ..layout.configuration import Configuration
+from ..layout.observables import Observable, ObservedList, Somewhere
 from ..loads.kind import Load
 from ..native.predictions import Predictions
 from ..robot.actuation import Actuation
@@ -31,7 +31,7 @@ class Told:
 
     residual: Array
     slopes: Array
-    predictions: PredictionList
+    predictions: ObservedList
 
 
 class LoadedModel(Protocol):
@@ -52,7 +52,7 @@ def loaded_model(
     loads: Sequence[Load],
     names: Sequence[str],
     others: Sequence[str],
-    requests: Sequence[Request],
+    observables: Sequence[Observable],
     compiled: bool | None,
     steps: Callable[[], int],
 ) -> LoadedModel:
@@ -61,9 +61,9 @@ def loaded_model(
     ``steps``: in each section, where it is not compiled.
     """
     every = [*names, *others]
-    if compilable(robot, loads, requests, every, compiled):
-        return _Compiled(robot, actuation, loads, names, others, requests)
-    return _Symbolic(robot, actuation, loads, names, others, requests, steps())
+    if compilable(robot, loads, observables, every, compiled):
+        return _Compiled(robot, actuation, loads, names, others, observables)
+    return _Symbolic(robot, actuation, loads, names, others, observables, steps())
 
 
 class _Compiled:
@@ -74,18 +74,13 @@ class _Compiled:
         loads: Sequence[Load],
         names: Sequence[str],
         others: Sequence[str],
-        requests: Sequence[Request],
+        observables: Sequence[Observable],
     ) -> None:
-        placed = probed(requests)
-        probes = [probe_of(request, arc_length(request)) for request in placed]
-        self._model = Predictions(robot, [*names, *others], [(actuation, loads)], [probes])
-        somewhere = [k for k, request in enumerate(placed) if isinstance(request.place, Somewhere)]
-        self._places = [self._model.numbers(f"probes[{k}].arc_length") for k in somewhere]
+        self._model = Predictions(robot, [*names, *others], [(actuation, loads)], observables)
+        somewhere = [k for k, one in enumerate(observables) if isinstance(one.place, Somewhere)]
+        self._places = [self._model.numbers(f"observables[{k}].arc_length") for k in somewhere]
         self._loads = [self._model.numbers(name) for name in names]
         self._joints = [self._model.numbers(name) for name in ("rotations", "translations")]
-        self._requests = requests
-        self._asked = asked(requests)
-        self._alike = len(placed) == len(requests) and len({request.kind for request in requests}) == 1
         self.unknowns = self._model.unknowns
 
     def actuated(self, actuation: Actuation) -> None:
@@ -98,15 +93,10 @@ class _Compiled:
             start += len(own)
         for place, where in zip(self._places, s, strict=True):
             place[0] = where
-        told = self._model.at(z[None], **self._asked)
+        told = self._model.at(z[None])
         if told.failed[0]:
             raise EstimationError("compiled code refused these loads: its steps cannot be laid out")
-        found: PredictionList
-        if self._alike:
-            found = Stacked(*of_probes(self._requests[0].kind, told))
-        else:
-            found = predicted(self._requests, told, z[None])
-        return Told(told.residual[0], told.slopes[0], found)
+        return Told(told.residual[0], told.slopes[0], told.observed)
 
 
 class _Symbolic:
@@ -117,13 +107,13 @@ class _Symbolic:
         loads: Sequence[Load],
         names: Sequence[str],
         others: Sequence[str],
-        requests: Sequence[Request],
+        observables: Sequence[Observable],
         steps: int,
     ) -> None:
         configuration = Configuration(robot, actuation, loads)
-        self._model = GroupModel(configuration, requests, [*names, *others], steps)
+        self._model = SymbolicModel(configuration, observables, [*names, *others], steps)
         known = {name: each.value for name, each in parameters(robot, actuation, loads).items()}
-        self._theta = self._model.numbers(known, actuation, loads, requests)
+        self._theta = self._model.numbers(known, actuation, loads, observables)
         count = sum(known[name].size for name in names)
         self._moving = np.array(self._model.active[:count], dtype=np.intp)
         self._places = np.array(self._model.somewhere, dtype=np.intp)

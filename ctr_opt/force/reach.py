@@ -7,8 +7,8 @@ import numpy as np
 from ..checks import Array
 from ..estimation.experiment import Experiment
 from ..estimation.measurements import PositionMeasurement
-from ..estimation.measurements.kind import arc_length_of
 from ..layout.ends import Ends
+from ..layout.observables import arc_length_of
 from ..robot.robot import Robot
 
 

@@ -198,8 +198,8 @@ def _effects(case: Case, state: State, errors: list[Imperfection], steps: Callab
     changes = np.array(
         [np.concatenate([np.ravel(each.changes.get(name, nothing[name])) for name in names]) for each in errors]
     ).T
-    requests = case.experiment.requests
-    model = loaded_model(case.robot, actuation, loads, (), names, requests, case.compiled, steps)
+    observables = case.experiment.observables
+    model = loaded_model(case.robot, actuation, loads, (), names, observables, case.compiled, steps)
     told = model.at(state.z, np.zeros(0), state.places * case.search.length)
     _, rates = case.search.seen.comparison.compare(told.predictions)
     n = model.unknowns

@@ -10,9 +10,10 @@ import numpy as np
 from ..checks import Array
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
+from ..layout.observables import Observable
 from ..loads.point import PointWrench
 from ..robot.names import Parameter, chosen, parameters
-from .outputs import Output, output, place_of
+from .outputs import output, place_of
 from .sensitivity import Solved, derivatives, kinked
 
 _APART = 1e-9  # relative: derivatives from the two sides that differ by less are the same
@@ -20,7 +21,7 @@ _APART = 1e-9  # relative: derivatives from the two sides that differ by less ar
 
 def jacobian(solved: Solved, s: float | None, side: int) -> Array:
     """Of the pose at ``s`` or at the tip, by rotations and translations."""
-    wanted = Output("tip_pose") if s is None else output(("pose", s), solved.configuration)
+    wanted = Observable("pose") if s is None else output(("pose", s), solved.configuration)
     return derivatives(solved, wanted, _joints(solved, "rotations", "translations"), side=_checked(side)).first
 
 
@@ -31,7 +32,7 @@ def compliance(solved: Solved, s: float | None, load_at: float | None, carrier: 
     configuration = Configuration(own.robot, own.actuation, (*own.loads, PointWrench(arc_length=at, tube=carrier)))
     reached = own.length if s is None else place_of(s, None, own)
     present = carrier if own.ends.reaches(carrier, reached) else None
-    wanted = Output("tip_pose", present) if s is None else Output("pose", present, reached)
+    wanted = Observable("pose", None if s is None else reached, present)
     name = f"loads[{len(own.loads)}]"
     added = chosen(parameters(own.robot, own.actuation, configuration.loads), [f"{name}.force", f"{name}.moment"])
     return derivatives(solved.under(configuration), wanted, added).first
@@ -66,7 +67,7 @@ def kinks(solved: Solved) -> tuple[int, ...]:
     suspects = kinked(solved, moving)
     if not suspects:
         return ()
-    sides = [derivatives(solved, Output("tip_pose"), moving, side=side) for side in (1, -1)]
+    sides = [derivatives(solved, Observable("pose"), moving, side=side) for side in (1, -1)]
     both = [np.vstack((each.first, each.unknowns)) for each in sides]
     apart = np.abs(both[0] - both[1]).max(axis=0) > _APART * np.abs(both[0]).max()
     return tuple(i for i in suspects if apart[i])

@@ -311,6 +311,27 @@ class Equilibrium:
         i = self._tube(tube)
         return self._vectors(s, lambda at: at.tube_moments[i].T, i)
 
+    @cached_property
+    def base_wrench(self) -> Array:
+        """Force, N, and moment about the entry point, N m, of the robot on its support, ``(6,)``, world frame.
+
+        The resultant of all loads in front of the entry point, those there included: what a six-axis sensor under the
+        robot shows. Actuators rest on it too, so that their forces and torques do not.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> twist = ctr.PointWrench(moment=[0.0, 0.0, 1e-3])
+        >>> shape = ctr.ForwardProblem(ctr.Robot([tube])).solve(ctr.Actuation([0.0], [-0.02]), [twist])
+        >>> shape.base_wrench.round(9).tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.001]
+        """
+        solved, scales = self.solved(), self.configuration.scales
+        shooting = Shooting(solved.configuration, solved.mesh, solved.integrator)
+        force, moment = (part.full()[:, 0] for part in shooting.functions.support(solved.z, shooting.entry))
+        return np.concatenate((force * scales.force, moment * scales.moment))
+
     # -- energies ------------------------------------------------------------------------------------------------
 
     @cached_property

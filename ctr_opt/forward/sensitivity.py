@@ -17,10 +17,12 @@ import numpy as np
 from ..checks import Array
 from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration
+from ..layout.observables import Observable, posed
 from ..robot.names import Parameter
 from ..transcription.linear import NEGLIGIBLE
-from ..transcription.parametric_problem import Discretized, ParametricProblem, at_nominal
-from .outputs import Expressions, Output, from_left, rates_of
+from ..transcription.observing import Observer
+from ..transcription.parametric_problem import ParametricProblem, at_nominal
+from .outputs import from_left
 
 
 @attrs.frozen(eq=False)
@@ -55,7 +57,7 @@ class Derivatives:
 
 def derivatives(
     solved: Solved,
-    wanted: Output,
+    wanted: Observable,
     chosen: Sequence[Parameter],
     *,
     side: int = 1,
@@ -78,7 +80,7 @@ def derivatives(
             "so that there are no second ones"
         )
     regions = [
-        (_Region(solved, problem, attrs.evolve(wanted, tube=tube), keys, order), those)
+        (_Region(solved, problem, attrs.evolve(wanted, frame=tube), keys, order), those)
         for (keys, tube), those in groups.items()
     ]
     value = regions[0][0]
@@ -90,20 +92,22 @@ def derivatives(
 
 def kinked(solved: Solved, chosen: Sequence[Parameter]) -> list[int]:
     """The numbers among the chosen parameters that move coinciding break points apart and may do so either way."""
-    problem = _problem(solved, chosen, Output("tip_pose"))
+    problem = _problem(solved, chosen, Observable("pose"))
     return [k for k in range(len(problem.nominal)) if problem.kinked(k) and _sign(problem, k, 1) > 0.0]
 
 
-def _problem(solved: Solved, chosen: Sequence[Parameter], wanted: Output) -> ParametricProblem:
+def _problem(solved: Solved, chosen: Sequence[Parameter], wanted: Observable) -> ParametricProblem:
     configuration = solved.configuration
     left = from_left(wanted, configuration)
-    probes = () if wanted.s is None else ((wanted.s, wanted.tube),)
+    probes = ((wanted.place, wanted.tube),) if isinstance(wanted.place, float) else ()
     return ParametricProblem(configuration, chosen, solved.integrator, probes, from_left=left)
 
 
-def _carrier(problem: ParametricProblem, wanted: Output, column: int, sign: float) -> int | None:
+def _carrier(problem: ParametricProblem, wanted: Observable, column: int, sign: float) -> int | None:
     """The tube whose frame a pose is, where a parameter grows (``sign = 1``) or shrinks a little."""
-    return problem.innermost(wanted.s, column, sign) if wanted.posed and wanted.tube is None else wanted.tube
+    if wanted.name != "pose" or wanted.tube is not None:
+        return wanted.tube
+    return problem.innermost(wanted.place if isinstance(wanted.place, float) else None, column, sign)
 
 
 def _sign(problem: ParametricProblem, column: int, side: int) -> float:
@@ -117,15 +121,13 @@ class _Region:
     """Derivatives where the break points stand in one order."""
 
     def __init__(
-        self, solved: Solved, problem: ParametricProblem, wanted: Output, keys: tuple[Any, ...], order: int
+        self, solved: Solved, problem: ParametricProblem, wanted: Observable, keys: tuple[Any, ...], order: int
     ) -> None:
-        expressions = Expressions(wanted, problem, keys)
-        fractions = at_nominal(problem, keys, solved.mesh)
-        discretized = Discretized(problem, expressions.order, fractions, expressions.around, integrals=wanted.integrals)
+        observer = Observer([wanted], problem, problem.given(keys), at_nominal(problem, keys, solved.mesh))
         unknowns = len(solved.z)
         both = ca.MX.sym("both", unknowns + len(problem.nominal))
-        swept = discretized.swept(both[:unknowns], both[unknowns:])
-        out = expressions.value(swept, discretized)
+        swept = observer.discretized.swept(both[:unknowns], both[unknowns:])
+        (out,) = observer.values(swept)
         everything = ca.vertcat(out, swept.residual)
         at = np.concatenate((solved.z, problem.nominal))
         count = out.shape[0]
@@ -136,7 +138,9 @@ class _Region:
         inverse = _inverse(jacobian[count:, :unknowns])
         self.unknowns = -inverse @ jacobian[count:, unknowns:]
         along = np.vstack((self.unknowns, np.eye(len(problem.nominal))))
-        rates = rates_of(wanted, value)
+        rates = np.eye(len(value))
+        if wanted.name == "pose":
+            rates = posed(value[None], rates[None]).slopes[0]
         self.value = value
         self.first = rates @ jacobian[:count] @ along
         self.second = None

@@ -19,6 +19,8 @@ Key: TypeAlias = tuple[Any, ...]
 ENTRY: Key = ("entry",)
 """The break point ``s = 0``."""
 
+Side: TypeAlias = tuple[int, int]
+"""A position among the break points, and 0 before it or 1 behind it."""
 
 PASSED: Key = ("passed",)
 AHEAD: Key = ("ahead",)
@@ -48,6 +50,11 @@ class Order:
         """How many sections there are."""
         return len(self.places) - 1
 
+    @property
+    def every_side(self) -> list[Side]:
+        """Behind the starts of all sections, then before their ends."""
+        return [(k, 1) for k in range(self.sections)] + [(k + 1, 0) for k in range(self.sections)]
+
     def passed(self, key: Key, position: int) -> Any:
         """One if the break point is at the position or before it."""
         if key in (PASSED, AHEAD):
@@ -61,10 +68,10 @@ class Order:
         return float(rank == position) if isinstance(rank, int) else rank == position
 
     def sides(self, key: Key, end: Key, slack: float) -> Any:
-        """Weights ``(2 sections,)``, one where values at a break point are to be taken: first of the sections' starts.
+        """Weights ``(2 sections,)`` of every side, one where values at a break point are to be taken.
 
-        Then of their ends. It is the start of the section behind all that coincides with the point, or where ``end`` is
-        reached, the end of the section before all that does.
+        It is the start of the section behind all that coincides with the point, or where ``end`` is reached, the end of
+        the section before all that does.
         """
         s, stop = (sum(self.at(each, k) * place for k, place in enumerate(self.places)) for each in (key, end))
         starts = [(a <= s + slack) * (b > s + slack) for a, b in pairwise(self.places)]

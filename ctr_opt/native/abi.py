@@ -83,6 +83,8 @@ ANSWER: Mapping[str, tuple[Any, ...]] = {
     "curvature_rates": ("probes", 3, "columns"),
     "forces": ("tubes",),
     "force_rates": ("tubes", "columns"),
+    "wrench": (6,),
+    "wrench_rates": (6, "columns"),
 }
 """What the model says of an experiment, SI: by name, its shape; ``columns``: by unknowns, then by directions."""
 

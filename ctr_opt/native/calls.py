@@ -66,14 +66,12 @@ class LoadRows:
         return np.asarray(table[row, parts["s" if field == "arc_length" else field]])
 
     @classmethod
-    def of(
-        cls, robot: Robot, loads: Sequence[Load], probes: Sequence[tuple[float | None, int]] = ()
-    ) -> LoadRows | None:
+    def of(cls, robot: Robot, loads: Sequence[Load], probes: Sequence[tuple[float, int]] = ()) -> LoadRows | None:
         """The loads, or None where there are some that the compiled solver does not know.
 
-        ``probes`` are places, an arc length (or None: the end) and a tube, which come first, as point loads of zero.
+        ``probes`` are places, an arc length (not a number: the end) and a tube. They come first, as loads of zero.
         """
-        points: list[tuple[float, ...]] = [(np.nan if s is None else s, tube, *(0.0,) * 7) for s, tube in probes]
+        points: list[tuple[float, ...]] = [(s, tube, *(0.0,) * 7) for s, tube in probes]
         spans: list[tuple[float, ...]] = []
         rows: dict[int, int] = {}
         if not all(isinstance(load, Load) for load in loads):

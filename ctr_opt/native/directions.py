@@ -33,23 +33,12 @@ class Directions:
     combination: Array
 
     @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        loads: Sequence[Load],
-        load_rows: Mapping[int, int],
-        names: Sequence[str],
-        probes: int,
-    ) -> Directions:
+    def of(cls, robot: Robot, loads: Sequence[Load], load_rows: Mapping[int, int], names: Sequence[str]) -> Directions:
         """Those of the named parameters; ``load_rows`` says in which row each load stands, behind the probes'."""
         columns: list[_Parts] = []
         tables: list[Array] = []
         for name in names:
-            match parsed(name):
-                case ("probes", int(k), "arc_length") if k < probes:
-                    numbers: Sequence[_Parts] | None = _plain(By.PLACE, [(k, 0)])
-                case _:
-                    numbers = _numbers(name, robot, loads, load_rows, tables)
+            numbers = _numbers(name, robot, loads, load_rows, tables)
             if numbers is None:
                 raise DefinitionError(f"{name!r}: compiled code takes no derivatives by it")
             columns += numbers

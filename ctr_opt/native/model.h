@@ -49,11 +49,40 @@ static void scatter(const Lanes *lanes, int b, int rows, const double *from, dou
   }
 }
 
+/* Force and moment on the support: the internal loads of the state at the entry, before any load there. The moment m of
+   the frame R is R m in the world, and R turns by the rates w in its own axes: d(R m) = R (w x m + dm). */
+static void support(const Lanes *lanes, const double *x, Answer *answer) {
+  const double force = force_scale(lanes->c->layout), unit = moment_scale(lanes->c->layout);
+  double frame[9], turn_rows[BEHIND_INNER], m[3] = {x[AT_BENDING], x[AT_BENDING + 1], 0.0};
+  attitude(x, frame, turn_rows);
+  for (int i = 0; i < TUBES; i++) m[2] += x[AT_TORSION + i];
+  for (int r = 0; r < 3; r++) {
+    answer->wrench[r] = x[AT_FORCE + r] * force;
+    answer->wrench[3 + r] = (frame[3 * r] * m[0] + frame[3 * r + 1] * m[1] + frame[3 * r + 2] * m[2]) * unit;
+  }
+  for (int b = 0; b < lanes->blocks; b++) {
+    const double *along = lanes->along + (size_t)b * NX * BLOCK;
+    double w[3 * BLOCK], out[6 * BLOCK];
+    apply_turn(turn_rows, along, w, BLOCK);
+    for (int l = 0; l < BLOCK; l++) {
+      double d[3] = {along[AT_BENDING * BLOCK + l], along[(AT_BENDING + 1) * BLOCK + l], 0.0};
+      for (int i = 0; i < TUBES; i++) d[2] += along[(AT_TORSION + i) * BLOCK + l];
+      d[0] += w[BLOCK + l] * m[2] - w[2 * BLOCK + l] * m[1];
+      d[1] += w[2 * BLOCK + l] * m[0] - w[l] * m[2];
+      d[2] += w[l] * m[1] - w[BLOCK + l] * m[0];
+      for (int r = 0; r < 3; r++) {
+        out[r * BLOCK + l] = along[(AT_FORCE + r) * BLOCK + l] * force;
+        out[(3 + r) * BLOCK + l] = (frame[3 * r] * d[0] + frame[3 * r + 1] * d[1] + frame[3 * r + 2] * d[2]) * unit;
+      }
+    }
+    scatter(lanes, b, 6, out, answer->wrench_rates);
+  }
+}
+
 /* By how much more a probe moves along the robot than the break point that stands for it. */
 static double slides(const Layout *layout, const Lane *lane, int point) {
   const int rides = rider(point_load(layout, point)), mover = moves(layout, lane);
-  const int own = rides >= 0 ? lane->kind == BY_TRANSLATION && lane->index == rides
-                             : lane->kind == BY_PLACE && lane->index == point;
+  const int own = rides >= 0 && lane->kind == BY_TRANSLATION && lane->index == rides;
   return (double)own - (mover >= 0 && layout->at[layout->of_point[point]].mover == mover);
 }
 
@@ -184,6 +213,7 @@ static void move_all(const Lanes *lanes, Answer *answer) {
     const int column = NZ + k;
     if (carried(of->kind)) continue;
     for (int i = 0; i < NZ; i++) answer->slopes[(size_t)i * lanes->columns + column] = 0.0;
+    for (int r = 0; r < 6 && answer->wrench_rates; r++) answer->wrench_rates[(size_t)r * lanes->columns + column] = 0.0;
     for (int p = 0; p < lanes->asked->probe_count; p++) {
       for (int r = 0; r < 6; r++) answer->rates[(6 * (size_t)p + r) * lanes->columns + column] = r == of->component;
       for (int r = 0; r < 3 && answer->curvature_rates; r++)
@@ -205,6 +235,7 @@ static int evaluate(Layout *layout, const double *z, const Asked *asked, Answer 
   start_lanes(&lanes);
   probe_all(&lanes, -1, x, answer);
   if (answer->forces) start_forces(&lanes, answer);
+  if (answer->wrench) support(&lanes, x, answer);
   jump_lanes(&lanes, 0, ALL, c.start, x);
   bend_all(&lanes, 0, 0, x, answer);
   for (int k = 0; k < c.track.steps; k++) {

@@ -306,6 +306,18 @@ def moved(pose: Array, translation: Iterable[float], angles: Iterable[float]) ->
     return result
 
 
+def euler_rates(angles: Array) -> Array:
+    """Takes rates of XYZ Euler angles to the angular velocity in the turned frame."""
+    _, b, c = angles
+    return np.array(
+        [
+            [np.cos(b) * np.cos(c), np.sin(c), 0.0],
+            [-np.cos(b) * np.sin(c), np.cos(c), 0.0],
+            [np.sin(b), 0.0, 1.0],
+        ]
+    )
+
+
 def _piece_with(piece: PrecurvaturePiece, field: str, value: Any) -> PrecurvaturePiece:
     if field == "length" and isinstance(piece, SampledCurvature):
         return attrs.evolve(piece, arc_length=piece.arc_length * (float(value) / piece.length))

@@ -14,7 +14,7 @@ import numpy as np
 from ..checks import Array
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
-from ..layout.ordering import ENTRY, Key, Order, given_order, sorted_order
+from ..layout.ordering import ENTRY, Key, Order, Side, given_order, sorted_order
 from ..layout.parametric import Parametric
 from ..layout.parametric_columns import ParametricColumns, fractions_of
 from ..loads.resolution import called
@@ -139,34 +139,23 @@ class ParametricProblem:
         there = (i for i in tubes if (ends.points[i] > at or (ends.points[i] == at and paces[i] >= pace - _STILL)))
         return next(there, ends.innermost(s))
 
-    def behind_entry(self, i: int, order: Order) -> ca.Function:
-        """``(theta, tau_i(0)) -> `` the Hamiltonian of a tube right behind the entry point, where it is held straight.
+    def pushes(self, i: int, order: Order) -> tuple[list[Side], ca.Function]:
+        """Sides where pieces of a tube end, whose Hamiltonians push on its base, and ``(theta, tau_i(0)) -> `` weights.
 
-        What the actuator does on the whole part behind, as the sum over its break points telescopes.
-        """
-        torque, tube = ca.SX.sym("torque"), self.parametric
-        key = max((key for key, rank in order.ranks.items() if key[:2] == ("tube", i) and rank < 0), key=lambda k: k[2])
-        preset = self._preset(key, tube.shapes[i][key[2]][1])
-        force = straight_hamiltonian(torque, preset, tube.stiffness.of_tube(i))
-        return ca.Function("behind", [self.theta, torque], [force])
-
-    def actuated(self, i: int, order: Order) -> ca.Function:
-        """``(theta, tau_i(0)) -> `` weights ``(2 sections,)`` of Hamiltonians, and that right behind the entry point.
-
-        Where the order is not known: at the starts of the sections and at their ends, with a jump wherever a break
-        point of the tube stands in front of the entry point.
+        Behind the weights the function has the Hamiltonian of the tube alone, held straight right behind the entry
+        point: the force on the whole part there, as the sum over its break points telescopes.
         """
         torque, shapes, points = ca.SX.sym("torque"), self.parametric.shapes[i], self.parametric.points
-        keys = [("tube", i, j) for j in range(1, len(shapes) + 1)]
-        jumps = [
-            sum(((points[key] > 0) * order.at(key, k) for key in keys), ca.SX(0)) for k in range(order.sections + 1)
-        ]
-        weights = ca.vertcat(0, *jumps[1:-1], *(-jump for jump in jumps[1:]))
+        ranks = {("tube", i, j): order.ranks["tube", i, j] for j in range(1, len(shapes) + 1)}
+        ahead = {key: float(rank > 0) if isinstance(rank, int) else points[key] > 0 for key, rank in ranks.items()}
+        jumps = [sum(ahead[key] * order.at(key, k) for key in ranks) for k in range(order.sections + 1)]
+        signed = {side: jumps[side[0]] if side[1] else -jumps[side[0]] for side in order.every_side if side[0]}
+        weights = {side: weight for side, weight in signed.items() if not (isinstance(weight, float) and weight == 0.0)}
         preset = self._preset(*shapes[0])
         for key, rows in shapes[1:]:
-            preset = ca.if_else(points[key] <= 0, self._preset(key, rows), preset)
-        force = straight_hamiltonian(torque, preset, self.parametric.stiffness.of_tube(i))
-        return ca.Function("actuated", [self.theta, torque], [weights, force])
+            preset = ca.if_else(ahead[key], preset, self._preset(key, rows))
+        behind = straight_hamiltonian(torque, preset, self.parametric.stiffness.of_tube(i))
+        return list(weights), ca.Function("pushes", [self.theta, torque], [ca.vertcat(*weights.values()), behind])
 
     def _preset(self, key: Key, rows: Sequence[Any]) -> Any:
         """``u*`` at the entry point of the piece of a tube that begins at a break point."""

@@ -9,6 +9,7 @@ each of a few step counts.
 from __future__ import annotations
 
 from copy import copy
+from functools import cached_property
 from typing import Any
 
 import attrs
@@ -21,6 +22,7 @@ from ..layout.columns import EntryColumn, StepColumns
 from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
 from ..mechanics.kind import DEAD, Kind
+from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
 from .integrators import RungeKutta, runge_kutta
 from .nlp import padded
@@ -94,11 +96,22 @@ class ShootingFunctions:
         self._linear_steps[directions] = ca.Function("linear_step", [both, column], [jumped(before, column)])
         return self._linear_steps[directions]
 
-    def _start(self, z: Any, entry: Any) -> Any:
+    def _entered(self, z: Any, entry: Any) -> State[Any]:
         tubes = self.tubes
         force = z[2 + tubes :] if self.unknowns > 2 + tubes else ca.SX.zeros(3)
-        state = boundary.entry_state(z[:2], z[2 : 2 + tubes], force, self.entry.entry(entry))
+        return boundary.entry_state(z[:2], z[2 : 2 + tubes], force, self.entry.entry(entry))
+
+    def _start(self, z: Any, entry: Any) -> Any:
+        state = self._entered(z, entry)
         return boundary.jump(state, *self.entry.point_load(entry, state)).joined()
+
+    @cached_property
+    def support(self) -> ca.Function:
+        """``(z, entry) -> (n, m)``: what the robot exerts on the entry point, loads at ``s = 0`` included; world."""
+        z, entry = ca.SX.sym("z", self.unknowns), ca.SX.sym("entry", self.entry.size)
+        state = self._entered(z, entry)
+        moment = ca.vertcat(state.bending, ca.sum1(state.torsion))
+        return ca.Function("support", [z, entry], [state.force, rotation_matrix(state.orientation) @ moment])
 
     def sweep(self, count: int) -> ca.Function:
         """``(z, entry, columns) -> (states behind each step, before its point load)``."""

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import ctr_opt as ctr
-from ctr_opt.estimation.measurements.kind import Prediction
+from ctr_opt.layout.observables import Observed
 from tests.support.estimated import actuations, estimation, experiments, fibre, points, small_robot, solve
 
 COMPILED = pytest.mark.parametrize("compiled", [False, True], ids=["virtual machine", "compiled"])
@@ -79,7 +79,7 @@ def test_the_innermost_tube_of_each_experiment(compiled):
 
 def predicted(frame=None, position=(0.0, 0.0, 0.0), slopes=None):
     value = np.hstack((np.eye(3) if frame is None else frame, np.reshape(position, (3, 1))))
-    return Prediction(value[None], np.eye(6)[None] if slopes is None else slopes[None])
+    return Observed(value[None], np.eye(6)[None] if slopes is None else slopes[None])
 
 
 def compared(measurement, found):

@@ -6,14 +6,17 @@ import pytest
 
 import ctr_opt as ctr
 from ctr_opt.force.model import loaded_model
+from ctr_opt.layout.observables import Observable
 from ctr_opt.native.compile import compiler
-from ctr_opt.native.predictions import Predictions, Probe
+from ctr_opt.native.predictions import Predictions
 from ctr_opt.robot.names import parameters
 from tests.support.both_models import NUMBERS, pushed, same, told_by_both
 from tests.support.estimated import actuations, experiments, flat, off_by, small_robot, solve
 from tests.support.perturbed import TIGHT, central, changed
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
+
+FORCE = Observable("actuator_force", None, 0)
 
 
 def of_arcs(tubes):
@@ -76,8 +79,8 @@ def test_slopes_are_differences_of_equilibria():
     names = ["loads[0].force", "loads[1].arc_length", "loads[3].force", "rotations", "translations"]
     names += ["tubes[1].inner_diameter", "tubes[0].precurvature[2].curvature", "base.translation"]
     known, n = parameters(robot, actuation, loads), len(start.unknowns)
-    requests = [request for each in forces(2) for request in each.requests]
-    at = loaded_model(robot, actuation, loads, (), names, requests, True, lambda: 1).at(
+    observables = [one for each in forces(2) for one in each.observables]
+    at = loaded_model(robot, actuation, loads, (), names, observables, True, lambda: 1).at(
         start.unknowns, np.zeros(0), np.zeros(0)
     )
     assert [each.value[0, 0] for each in at.predictions] == pytest.approx(
@@ -108,8 +111,8 @@ def test_a_piece_that_begins_at_the_entry():
     robot = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, pieces, youngs_modulus=60e9, poisson_ratio=0.3)])
     actuation, loads = ctr.Actuation([0.3], [-0.03]), [ctr.PointWrench([0.1, 0.2, -0.1], [2e-3, 1e-3, 1e-3])]
     shape = solve(robot, actuation, loads, TIGHT)
-    told = Predictions(robot, [], [(actuation, loads)], [Probe()]).at(shape.unknowns[None], forces=True)
-    assert told.forces[0, 0] == pytest.approx(shape.actuator_wrench(0, side=-1)[0], abs=1e-8)
+    told = Predictions(robot, [], [(actuation, loads)], [FORCE]).at(shape.unknowns[None])
+    assert told.observed[0].value[0, 0] == pytest.approx(shape.actuator_wrench(0, side=-1)[0], abs=1e-8)
 
 
 def test_a_force_at_the_tip():
@@ -147,8 +150,8 @@ def test_forces_tell_stiffnesses(method):
 def test_precurvature_that_varies_is_left_to_the_virtual_machine():
     robot = small_robot(2)
     (actuation,) = actuations(np.random.default_rng(5), robot, 1)
-    requests = [request for each in forces(2) for request in each.requests]
-    model = loaded_model(robot, actuation, [], (), ["rotations"], requests, True, lambda: 1)
+    observables = [one for each in forces(2) for one in each.observables]
+    model = loaded_model(robot, actuation, [], (), ["rotations"], observables, True, lambda: 1)
     assert type(model).__name__ == "_Symbolic"
-    with pytest.raises(ctr.DefinitionError, match="constant piece by piece"):
-        Predictions(robot, [], [(actuation, [])], [Probe()]).at(np.zeros((1, 4)), forces=True)
+    with pytest.raises(ctr.DefinitionError, match="does not tell it of this robot"):
+        Predictions(robot, [], [(actuation, [])], [FORCE])

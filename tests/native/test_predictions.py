@@ -2,13 +2,14 @@
 
 import pickle
 
-import attrs
 import numpy as np
 import pytest
 
 import ctr_opt as ctr
+from ctr_opt.layout.ends import Ends
+from ctr_opt.layout.observables import Distal, Observable
 from ctr_opt.native.compile import compiler
-from ctr_opt.native.predictions import Predictions, Probe, supported
+from ctr_opt.native.predictions import Predictions, supported
 from ctr_opt.robot.names import parameters
 from tests.support.perturbed import TIGHT, central, changed, pose_vector
 from tests.support.physics import held, random_problem, robot, rod, tube, tube_ends
@@ -17,6 +18,7 @@ pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 
 NOTHING = 1e-3  # of what a parameter does at the tip: derivatives below are compared with this
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+TIP = Observable("pose")
 STEPS = {"translations": 2e-5, "arc_length": 2e-5, "rotations": 1e-3, "base.rotation": 1e-3, "base.translation": 1e-3}
 
 
@@ -38,8 +40,9 @@ def case(seed, tubes, body=False):
         loads.append(
             ctr.DistributedLoad(random(0.5 / ends[0]), random(0.05), 0.2 * ends[0], 0.8 * ends[0], frame="body")
         )
-    probes = [Probe(), Probe(0.0), Probe(0.37 * ends[-1], tubes - 1), Probe(ends[0], 0)]
-    return rng, made, actuation, loads, [*probes, *(Probe(None, i) for i in range(tubes))]
+    places = [(None, None), (0.0, None), (0.37 * ends[-1], tubes - 1), (float(ends[0]), 0)]
+    places += [(Distal(i), None) for i in range(tubes)]
+    return rng, made, actuation, loads, [Observable("pose", *place) for place in places]
 
 
 def names_of(made, actuation, loads):
@@ -62,15 +65,15 @@ def solved(model, start):
 
 
 def total(model, at):
-    """Derivatives of the poses at an equilibrium: by the implicit-function theorem."""
+    """Derivatives of what is observed at an equilibrium: by the implicit-function theorem."""
     n = model.unknowns
     unknowns = -np.linalg.solve(at.slopes[0][:, :n], at.slopes[0][:, n:])
-    return at.rates[0][..., n:] + at.rates[0][..., :n] @ unknowns
+    return [one.slopes[0][..., n:] + one.slopes[0][..., :n] @ unknowns for one in at.observed]
 
 
-def tangent(result, probe, ends):
+def tangent(result, i, ends):
     """The pose's change with arc length at a tube's end, from the left, per metre: differences of the shape itself."""
-    s, i = ends[probe.tube], probe.tube
+    s = ends[i]
     h = 1e-4
     poses = [pose_vector(result.pose(s - k * h, i), result.pose(s, i)) for k in range(5)]
     return -sum(w * p for w, p in zip(np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0 / h, poses, strict=True))
@@ -89,21 +92,22 @@ def test_derivatives_at_equilibria_are_sensitivities(seed, body):
         at = model.at(solved(model, result.unknowns)[None])
         columns = np.cumsum([0, *(known[name].size for name in names)])
         effect = None
-        for probe, found, pose in zip(probes, total(model, at), at.poses[0], strict=True):
+        for one, found, pose in zip(probes, total(model, at), at.observed, strict=True):
             effect = np.abs(found).max(axis=0) if effect is None else effect  # at the tip
-            s = ends[probe.tube] if probe.arc_length is None and probe.tube is not None else probe.arc_length
-            of = "tip_pose" if s is None else ("pose", s) if probe.tube is None else ("pose", s, probe.tube)
-            reference = result.tip_pose if s is None else result.pose(s, probe.tube)
-            np.testing.assert_allclose(pose, reference[:3], atol=1e-9)
+            end = one.place.tube if isinstance(one.place, Distal) else None
+            s, carrier = (one.place, one.tube) if end is None else (ends[end], end)
+            of = "tip_pose" if s is None else ("pose", s) if carrier is None else ("pose", s, carrier)
+            reference = result.tip_pose if s is None else result.pose(s, carrier)
+            np.testing.assert_allclose(pose.value[0], reference[:3], atol=1e-9)
             expected = result.sensitivity(of, names).copy()
             for name, first, last in zip(names, columns, columns[1:], strict=False):
                 tolerance = 1e-7
-                if name == "translations" and probe.arc_length is None and probe.tube is not None:
-                    expected[:, first + probe.tube] += tangent(result, probe, ends)  # it moves along
+                if name == "translations" and end is not None:
+                    expected[:, first + end] += tangent(result, end, ends)  # it moves along
                     tolerance = 1e-5  # of the difference
                 a, b = found[:, first:last], expected[:, first:last]
                 scale = max(np.abs(b).max(), NOTHING * effect[first:last].max())
-                np.testing.assert_allclose(a, b, rtol=0.0, atol=tolerance * scale, err_msg=f"{name} {probe}")
+                np.testing.assert_allclose(a, b, rtol=0.0, atol=tolerance * scale, err_msg=f"{name} {one}")
 
 
 class Away:
@@ -112,26 +116,39 @@ class Away:
     def __init__(self, seed, body):
         self.rng, self.robot, self.actuation, self.loads, probes = case(10 + seed, 1 + seed % 3, body)
         ends = tube_ends(self.robot, self.actuation)
-        self.probes = [*probes[:3], Probe(0.81 * ends[0]), *probes[4:]]
+        poses = [*probes[:3], Observable("pose", 0.81 * float(ends[0])), *probes[4:]]
+        carriers = Ends.of_robot(self.robot, self.actuation.translations)
+        fibres = [Observable("tube_curvature", one.place, one.framed(carriers).frame) for one in poses]
+        self.observables, self.poses = [*poses, *fibres, Observable("base_wrench")], len(poses)
         self.length = ends.max()
         self.unit = max(t.bending_stiffness for t in self.robot.tubes) / self.length
         self.names = names_of(self.robot, self.actuation, self.loads)
         self.z = 0.3 * self.unit * self.rng.normal(size=self.at([], np.zeros(0)).slopes.shape[-1])
         self.direction = self.rng.normal(size=len(self.z)) * self.unit
 
-    def at(self, names, z, probes=None, of=None):
+    def at(self, names, z, of=None):
         robot, actuation, loads = of or (self.robot, self.actuation, self.loads)
-        model = Predictions(robot, names, [(actuation, loads)], probes or self.probes, refinements=1)
-        return model.at(z[None] if z.size else np.zeros((1, model.unknowns)), curvatures=True)
+        model = Predictions(robot, names, [(actuation, loads)], self.observables, refinements=1)
+        return model.at(z[None] if z.size else np.zeros((1, model.unknowns)))
+
+    @property
+    def scales(self):
+        """By what curvatures and the base wrench are multiplied to be dimensionless."""
+        wrench = np.repeat([self.length / self.unit, 1.0 / self.unit], 3)
+        return [self.length] * self.poses + [wrench]
 
     def values(self, found, reference):
-        """Residual, poses as position and turn from a reference, and curvatures times the robot's length."""
-        poses = [pose_vector(a, b) for a, b in zip(found.poses[0], reference.poses[0], strict=True)]
-        return np.concatenate([found.residual[0] / self.unit, *poses, self.length * found.curvatures[0].ravel()])
+        """Residual, poses as position and turn from a reference, and the rest dimensionless."""
+        k = self.poses
+        poses = [pose_vector(found.observed[i].value[0], reference.observed[i].value[0]) for i in range(k)]
+        rest = [factor * one.value[0] for factor, one in zip(self.scales, found.observed[k:], strict=True)]
+        return np.concatenate([found.residual[0] / self.unit, *poses, *rest])
 
     def slopes(self, found):
-        pairs = [(found.rates, 1.0), (found.curvature_rates, self.length)]
-        rows = [factor * each[0].reshape(-1, each.shape[-1]) for each, factor in pairs]
+        factors = [1.0] * self.poses + self.scales
+        rows = [
+            np.reshape(factor, (-1, 1)) * one.slopes[0] for factor, one in zip(factors, found.observed, strict=True)
+        ]
         return np.concatenate([found.slopes[0] / self.unit, *rows])
 
     def with_unknowns(self, x):
@@ -140,23 +157,18 @@ class Away:
     def with_parameter(self, name, value):
         return self.at([], self.z, of=changed(self.robot, self.actuation, self.loads, name, value))
 
-    def with_probe(self, x):
-        moved = attrs.evolve(self.probes[3], arc_length=self.probes[3].arc_length + x)
-        return self.at([], self.z, [*self.probes[:3], moved, *self.probes[4:]])
-
 
 @pytest.mark.parametrize(("seed", "body"), CASES)
 def test_derivatives_away_from_equilibria_are_differences(seed, body):
-    """Along random directions of the unknowns and of each parameter, and of a probe's place."""
+    """Along random directions of the unknowns and of each parameter: poses, curvatures, the wrench at the base."""
     case = Away(seed, body)
     known, n = parameters(case.robot, case.actuation, case.loads), len(case.z)
     for names in case.names:
-        at = case.at([*names, "probes[3].arc_length"], case.z)
+        at = case.at(names, case.z)
         assert not at.failed.any()
-        moves = [(case.with_unknowns, case.direction, 1e-3), (case.with_probe, np.ones(1), 2e-5)]
-        columns = [slice(0, n), slice(at.slopes.shape[-1] - 1, None)]
+        moves, columns = [(case.with_unknowns, case.direction, 1e-3)], [slice(0, n)]
         for name in names:
-            value, first = known[name].value, n if len(columns) == 2 else columns[-1].stop
+            value, first = known[name].value, columns[-1].stop
             d = np.asarray(case.rng.uniform(-1.0, 1.0, value.shape))
             h = STEPS.get(name, STEPS.get(name.rpartition(".")[2], 1e-3 * max(np.abs(value).max(), 1e-3)))
             moves.append((lambda x, of=(name, value, d): case.with_parameter(of[0], of[1] + x * of[2]), d.ravel(), h))
@@ -181,15 +193,19 @@ def test_many_experiments_are_as_many_single_ones():
          [ctr.Gravity([0.0, 0.0, -9.0])] * (k % 2) + [ctr.PointWrench(0.1 * rng.normal(size=3), arc_length=0.03)])
         for k in range(6)
     ]  # fmt: skip
-    probes = [[Probe(), Probe(rng.uniform(0.0, 0.03))] for _ in experiments]
-    names = ["rotations", "tubes[1].bending_stiffness", "probes[1].arc_length"]
+    places = np.array([[np.nan, *[rng.uniform(0.0, 0.03)] * 2] for _ in experiments])
+    observables = [TIP, Observable("pose", 0.01), Observable("tube_curvature", 0.01, 1), Observable("base_wrench")]
+    names = ["rotations", "tubes[1].bending_stiffness"]
     z = 0.1 * rng.normal(size=(6, 4))
-    many = Predictions(made, names, experiments, probes).at(z, curvatures=True)
-    assert many.rates.shape == (6, 2, 6, 4 + 4)
+    many = Predictions(made, names, experiments, observables, places).at(z)
+    assert many.observed[0].slopes.shape == (6, 6, 4 + 3)
     for k, each in enumerate(experiments):
-        one = Predictions(made, names, [each], probes[k]).at(z[k : k + 1], curvatures=True)
-        for name in ("residual", "slopes", "poses", "rates", "curvatures", "curvature_rates"):
+        one = Predictions(made, names, [each], observables, places[k : k + 1]).at(z[k : k + 1])
+        for name in ("residual", "slopes"):
             np.testing.assert_array_equal(getattr(one, name)[0], getattr(many, name)[k])
+        for a, b in zip(one.observed, many.observed, strict=True):
+            np.testing.assert_array_equal(a.value[0], b.value[k])
+            np.testing.assert_array_equal(a.slopes[0], b.slopes[k])
 
 
 def test_what_is_asked_for_changes_nothing_else():
@@ -199,13 +215,13 @@ def test_what_is_asked_for_changes_nothing_else():
     names = ["translations", "loads[0].moment", "base.rotation", "tubes[0].precurvature[1].curvature"]
     names += ["base.translation", "loads[0].force", "tubes[1].torsional_stiffness", "rotations"]
     known = parameters(made, actuation, loads)
-    probes = [Probe(0.0), Probe(None, 1), Probe()]
+    probes = [Observable("pose", 0.0), Observable("pose", Distal(1)), TIP]
     every = Predictions(made, names, [(actuation, loads)], probes).at(z)
     column = 4
     for name in names:
         alone = Predictions(made, [name], [(actuation, loads)], probes).at(z)
         size = known[name].size
-        for a, b in ((alone.rates, every.rates), (alone.slopes, every.slopes)):
+        for a, b in ((alone.observed.slopes, every.observed.slopes), (alone.slopes, every.slopes)):
             np.testing.assert_allclose(a[..., 4:], b[..., column : column + size], rtol=1e-12, atol=1e-14)
         column += size
 
@@ -214,7 +230,7 @@ def test_a_base_at_the_entry_is_drawn_back():
     made, _, loads = pushed()
     actuation = ctr.Actuation([0.3, -0.5], [-0.02, 0.0])
     result = ctr.ForwardProblem(made, tolerance=TIGHT).solve(actuation, loads)
-    model = Predictions(made, ["translations"], [(actuation, loads)], [Probe()], refinements=1)
+    model = Predictions(made, ["translations"], [(actuation, loads)], [TIP], refinements=1)
     found = total(model, model.at(solved(model, result.unknowns)[None]))[0]
     np.testing.assert_allclose(found, result.sensitivity("tip_pose", "translations"), atol=1e-7)
 
@@ -243,18 +259,18 @@ def test_derivatives_with_two_sides_are_refused():
         (["rotations", "loads[1].force"], there, False),
         (["translations"], loads, False),
     ):
-        found = Predictions(made, names, [(actuation, chosen)], [Probe(end, 1)]).at(z)
+        found = Predictions(made, names, [(actuation, chosen)], [Observable("pose", float(end), 1)]).at(z)
         assert bool(found.failed[0]) is failed
-        assert np.isnan(found.rates).all() == failed
+        assert np.isnan(found.observed[0].slopes).all() == failed
 
 
 def test_a_failed_experiment_leaves_the_others():
     made, actuation, loads = pushed()
     far = ctr.Actuation([0.0, 0.0], [-0.13, 0.0])  # wholly behind the entry point
-    model = Predictions(made, ["rotations"], [(actuation, loads), (far, loads)], [Probe(0.01, 1)])
+    model = Predictions(made, ["rotations"], [(actuation, loads), (far, loads)], [Observable("pose", 0.01, 1)])
     found = model.at(np.zeros((2, 4)))
     assert found.failed.astype(bool).tolist() == [False, True]
-    assert np.isfinite(found.poses[0]).all()
+    assert np.isfinite(found.observed[0].value[0]).all()
     assert np.isnan(found.residual[1]).all()
 
 
@@ -279,17 +295,17 @@ def test_what_is_supported():
 def test_wrong_questions_are_told():
     made = rod()
     cases = {
-        "takes no derivatives": (["tubes[0].precurvature[0].length"], [Probe()], []),
-        "is no parameter": (["rotation"], [Probe()], []),
-        r"probes\[0\].arc_length = 0.2": ([], [Probe(0.2)], []),
-        "tube = 1 must be": ([], [Probe(0.05, 1)], []),
-        "loads: compiled code": ([], [Probe()], [ctr.DistributedLoad(force=lambda s: [s, 0.0, 0.0])]),
-        "probes must be": ([], [[Probe()], [Probe()]], []),
+        "takes no derivatives": (["tubes[0].precurvature[0].length"], TIP, []),
+        "is no parameter": (["rotation"], TIP, []),
+        r"observables\[0\].place = 0.2": ([], Observable("pose", 0.2), []),
+        "tube = 1 must be": ([], Observable("pose", 0.05, 1), []),
+        "loads: compiled code": ([], TIP, [ctr.DistributedLoad(force=lambda s: [s, 0.0, 0.0])]),
+        "does not tell it": ([], Observable("internal_force", 0.05), []),
     }
-    for message, (names, probes, loads) in cases.items():
+    for message, (names, observable, loads) in cases.items():
         with pytest.raises(ctr.DefinitionError, match=message):
-            Predictions(made, names, [(held(), loads)], probes)
+            Predictions(made, names, [(held(), loads)], [observable])
     with pytest.raises(ctr.DefinitionError, match="experiments is empty"):
-        Predictions(made, [], [], [Probe()])
+        Predictions(made, [], [], [TIP])
     with pytest.raises(ctr.DefinitionError, match="unknowns"):
-        Predictions(made, [], [(held(), [])], [Probe()]).at(np.zeros((1, 4)))
+        Predictions(made, [], [(held(), [])], [TIP]).at(np.zeros((1, 4)))

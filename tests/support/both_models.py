@@ -25,16 +25,16 @@ def pushed(tubes):
 
 
 def told_by_both(robot, actuation, loads, wanted, measured, z):
-    """Predictions ``(2, requests, numbers)`` and their slopes, by compiled code and in the virtual machine.
+    """Predictions ``(2, observables, numbers)`` and their slopes, by compiled code and in the virtual machine.
 
     ``wanted``: names of numbers of loads, which may change, and of others.
     """
-    requests = [request for each in measured for request in each.requests]
+    observables = [one for each in measured for one in each.observables]
     known = parameters(robot, actuation, loads)
     values = np.concatenate([np.zeros(0), *(known[name].value.ravel() for name in wanted[0])])
     found = []
     for compiled in (True, False):
-        model = loaded_model(robot, actuation, loads, *wanted, requests, compiled, lambda: 12)
+        model = loaded_model(robot, actuation, loads, *wanted, observables, compiled, lambda: 12)
         assert type(model).__name__ == ("_Compiled" if compiled else "_Symbolic")
         told = model.at(z, values, np.zeros(0)).predictions
         found.append([np.array([getattr(each, part)[0] for each in told]) for part in ("value", "slopes")])

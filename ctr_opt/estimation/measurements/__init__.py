@@ -5,8 +5,8 @@ from __future__ import annotations
 from .actuators import ForceMeasurement as ForceMeasurement
 from .actuators import TorqueMeasurement as TorqueMeasurement
 from .backbone import BackboneMeasurement as BackboneMeasurement
+from .base_wrench import BaseWrenchMeasurement as BaseWrenchMeasurement
 from .curvature import CurvatureMeasurement as CurvatureMeasurement
-from .kind import Distal as Distal
 from .kind import Measurement as Measurement
 from .pose import PoseMeasurement as PoseMeasurement
 from .position import PositionMeasurement as PositionMeasurement
@@ -20,5 +20,12 @@ MEASUREMENTS: tuple[type[Measurement], ...] = (
     CurvatureMeasurement,
     TorqueMeasurement,
     ForceMeasurement,
+    BaseWrenchMeasurement,
 )
 """All kinds, in the order in which messages name them."""
+
+TABLES = {table.kind: table for kind in MEASUREMENTS for table in kind.tables()}
+"""What describes a measurement in a file, by its ``kind``."""
+
+COLUMNS = {name: unit for kind in MEASUREMENTS for name, unit in kind.columns.items()}
+"""SI units of vectors that kinds of measurements have in tables of experiments, by their names."""

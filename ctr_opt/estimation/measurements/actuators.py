@@ -9,7 +9,8 @@ import attrs
 import numpy as np
 
 from ...checks import Array, number
-from .kind import Entry, Measurement, Part, PredictionList, Request, Table
+from ...layout.observables import Observable, ObservedList
+from .kind import Entry, Measurement, Part, Table
 from .kind import tube as tube_index
 
 
@@ -32,9 +33,9 @@ class _OfActuator(Measurement):
         _ = self.whitener
 
     @property
-    def requests(self) -> tuple[Request, ...]:
+    def observables(self) -> tuple[Observable, ...]:
         """Of the tube's actuator."""
-        return (Request(self.field, None, self.tube),)
+        return (Observable(f"actuator_{self.field}", None, self.tube),)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -48,10 +49,10 @@ class _OfActuator(Measurement):
         return (Table(cls.field, {"tube": Entry("tube"), cls.field: number_of, "sigma": number_of}, cls),)
 
     @staticmethod
-    def compare(measured: Sequence[_OfActuator], predictions: PredictionList) -> tuple[Array, Array]:
+    def compare(measured: Sequence[_OfActuator], values: ObservedList) -> tuple[Array, Array]:
         """Differences of the numbers, and derivatives."""
         numbers = np.array([[[getattr(one, one.field)]] for one in measured])
-        return predictions[0].value[:, None] - numbers, predictions[0].slopes[:, None]
+        return values[0].value[:, None] - numbers, values[0].slopes[:, None]
 
 
 @attrs.frozen(eq=False, slots=False)

@@ -10,18 +10,8 @@ import numpy as np
 
 from ...checks import ARRAY_EQ, Array, array, flag
 from ...errors import DefinitionError
-from .kind import (
-    POINTS,
-    Entry,
-    Measurement,
-    PredictionList,
-    Request,
-    Somewhere,
-    Table,
-    as_given,
-    distances,
-    vector_sigma,
-)
+from ...layout.observables import Observable, ObservedList, Somewhere
+from .kind import POINTS, Entry, Measurement, Table, as_given, distances, vector_sigma
 from .position import PositionMeasurement
 
 
@@ -63,9 +53,9 @@ class BackboneMeasurement(Measurement):
         _ = self.whitener
 
     @property
-    def requests(self) -> tuple[Request, ...]:
+    def observables(self) -> tuple[Observable, ...]:
         """A pose for each point."""
-        return (Request("pose", Somewhere(), frame=0),) * len(self.position)
+        return (Observable("pose", Somewhere(), frame=0),) * len(self.position)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -79,9 +69,9 @@ class BackboneMeasurement(Measurement):
         return (Table("points", entries, _points, {"x": "m", "y": "m", "z": "m"}, {"s": "m"}),)
 
     @staticmethod
-    def compare(measured: Sequence[BackboneMeasurement], predictions: PredictionList) -> tuple[Array, Array]:
+    def compare(measured: Sequence[BackboneMeasurement], values: ObservedList) -> tuple[Array, Array]:
         """Distances to the points, and derivatives, places held."""
-        return distances(measured, predictions)
+        return distances(measured, values)
 
 
 def _points(columns: Mapping[str, Array], sigma: Any, ordered: bool = False) -> Measurement:

@@ -10,7 +10,8 @@ import numpy as np
 
 from ...checks import ARRAY_EQ, Array, array
 from ...errors import DefinitionError
-from .kind import Entry, Measurement, Part, Place, PredictionList, Request, Stacked, Table, as_given, places
+from ...layout.observables import Observable, ObservedList, Place, Stacked
+from .kind import Entry, Measurement, Part, Table, as_given, places
 from .kind import tube as tube_index
 
 
@@ -54,9 +55,9 @@ class CurvatureMeasurement(Measurement):
         _ = self.whitener
 
     @property
-    def requests(self) -> tuple[Request, ...]:
+    def observables(self) -> tuple[Observable, ...]:
         """Curvatures at the places."""
-        return tuple(Request("curvature", place, self.tube) for place in self.arc_length)
+        return tuple(Observable("tube_curvature", place, self.tube) for place in self.arc_length)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -70,12 +71,12 @@ class CurvatureMeasurement(Measurement):
         return (Table("curvatures", entries, _fibre, {"s": "m", "u_x": "1/m", "u_y": "1/m"}),)
 
     @staticmethod
-    def compare(measured: Sequence[CurvatureMeasurement], predictions: PredictionList) -> tuple[Array, Array]:
+    def compare(measured: Sequence[CurvatureMeasurement], values: ObservedList) -> tuple[Array, Array]:
         """Differences of the curvatures, and derivatives."""
         size = measured[0].shape[1]
-        predicted = Stacked.of(predictions)
-        values = predicted.value[..., :size] - np.array([one.curvature for one in measured])
-        return values, predicted.slopes[:, :, :size]
+        predicted = Stacked.of(values)
+        off = predicted.value[..., :size] - np.array([one.curvature for one in measured])
+        return off, predicted.slopes[:, :, :size]
 
 
 def _fibre(columns: Mapping[str, Array], sigma: Any, tube: int = 0) -> Measurement:

@@ -1,8 +1,8 @@
 """What every kind of measurement says of itself: the basis of the kinds, one file each, beside this one.
 
-A measurement names the predictions it needs and where (``requests``), and turns them into whitened residuals in blocks:
-a measured point is a block of three numbers, whose norm a robust loss sees. What files and reports need is data of the
-kind: its ``tables`` and ``columns`` of files, and the ``parts`` of a block with their units.
+A measurement names its ``observables``, and compares their predicted values with what was measured: residuals in
+blocks, as a point is a block of three numbers, whose norm a robust loss sees. What files and reports need is data of
+the kind: its ``tables`` and ``columns`` of files, and the ``parts`` of a block with their units.
 """
 
 from __future__ import annotations
@@ -11,46 +11,21 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, TypeAlias, overload
+from typing import Any, ClassVar
 
 import attrs
 import numpy as np
 
 from ...checks import Array, array, index, number
 from ...errors import DefinitionError
-from ...layout.ends import Ends
+from ...layout.observables import Distal, Observable, ObservedList, Place, Stacked
 
-# -- places ------------------------------------------------------------------------------------------------------------
+# -- converters of fields ----------------------------------------------------------------------------------------------
 
 
 def tube(value: Any) -> int:
     """Converter of the index of a tube."""
     return index(value, "tube")
-
-
-@attrs.frozen
-class Distal:
-    """The distal end of a tube, wherever it is: it moves with the tube's translation and length.
-
-    >>> Distal(1)
-    Distal(tube=1)
-    """
-
-    tube: int = attrs.field(converter=tube)
-
-
-Place: TypeAlias = "float | Distal | None"
-"""An arc length from the entry point, m; the end of a tube; or None, the tip."""
-
-
-@attrs.frozen
-class Somewhere:
-    """A place on the backbone that is estimated, with the rest."""
-
-
-def arc_length_of(place: Place, ends: Ends) -> float:
-    """Where a place is, m, on a robot whose tubes end at ``ends``."""
-    return place if isinstance(place, float) else ends.of(None if place is None else place.tube)
 
 
 def places(value: Any) -> tuple[Place, ...]:
@@ -89,84 +64,6 @@ def sensor_name(value: Any) -> str | None:
     if value is not None and not (isinstance(value, str) and re.fullmatch(r"[A-Za-z]\w*", value)):
         raise DefinitionError(f"sensor = {value!r} must be a name of letters, digits and underscores")
     return value
-
-
-# -- predictions -------------------------------------------------------------------------------------------------------
-
-
-@attrs.frozen
-class Request:
-    """A prediction of a tube that is needed, at a place: ``"pose"``, ``"curvature"``, ``"torque"`` or ``"force"``.
-
-    With ``sensor``, the pose is that of a sensor which the tube carries there. ``frame``: the tube whose frame a pose
-    is; None until the robot is known. Where any frame serves, as for positions, it is 0.
-    """
-
-    kind: str
-    place: Place | Somewhere = None
-    tube: int | None = None
-    sensor: str | None = None
-    frame: int | None = None
-
-    @property
-    def on(self) -> int | None:
-        """The tube that the place must be on; None: it may be anywhere on the robot."""
-        return None if self.kind in ("torque", "force") else self.tube
-
-    def framed(self, ends: Ends) -> Request:
-        """With the tube that is meant on a robot whose tubes end at ``ends``.
-
-        That is the one named, the one whose distal end is the place, or the innermost that is there. It stays so when
-        an estimate moves the ends a little.
-        """
-        if self.kind != "pose" or self.frame is not None or isinstance(self.place, Somewhere):
-            return self
-        tube = self.place.tube if self.tube is None and isinstance(self.place, Distal) else self.tube
-        return attrs.evolve(self, frame=ends.innermost(arc_length_of(self.place, ends)) if tube is None else tube)
-
-
-@attrs.frozen(eq=False)
-class Prediction:
-    """Predictions of E experiments and their derivatives: poses ``(E, 3, 4)`` with rates ``(E, 6, k)``, of position and
-    world angular velocity; of others ``(E, n)`` and ``(E, n, k)``.
-    """
-
-    value: Array
-    slopes: Array
-
-
-@attrs.frozen(eq=False)
-class Stacked:
-    """Predictions of requests of one kind in one array, in the place of a list of :class:`Prediction`.
-
-    ``(E, requests, ...)`` and ``(E, requests, ..., k)``.
-    """
-
-    value: Array
-    slopes: Array
-
-    @classmethod
-    def of(cls, predictions: PredictionList) -> Stacked:
-        """Stack predictions that all have one shape."""
-        if isinstance(predictions, Stacked):
-            return predictions
-        values, slopes = ([getattr(one, part) for one in predictions] for part in ("value", "slopes"))
-        return cls(np.stack(values, axis=1), np.stack(slopes, axis=1))
-
-    @overload
-    def __getitem__(self, k: int) -> Prediction: ...
-
-    @overload
-    def __getitem__(self, k: slice) -> Stacked: ...
-
-    def __getitem__(self, k: int | slice) -> Prediction | Stacked:
-        """The prediction of one request, or those of some."""
-        kind = Stacked if isinstance(k, slice) else Prediction
-        return kind(self.value[:, k], self.slopes[:, k])
-
-
-PredictionList: TypeAlias = "Sequence[Prediction] | Stacked"
-"""Predictions, one for each request."""
 
 
 # -- files and reports -------------------------------------------------------------------------------------------------
@@ -255,8 +152,8 @@ class Measurement(ABC):
 
     @property
     @abstractmethod
-    def requests(self) -> tuple[Request, ...]:
-        """The predictions that are needed."""
+    def observables(self) -> tuple[Observable, ...]:
+        """What is observed."""
 
     @property
     @abstractmethod
@@ -265,10 +162,10 @@ class Measurement(ABC):
 
     @staticmethod
     @abstractmethod
-    def compare(measured: Sequence[Any], predictions: PredictionList) -> tuple[Array, Array]:
-        """Prediction minus measured ``(E, blocks, size)``, SI, and the derivatives ``(E, blocks, size, k)``.
+    def compare(measured: Sequence[Any], values: ObservedList) -> tuple[Array, Array]:
+        """Predicted minus measured ``(E, blocks, size)``, SI, and the derivatives ``(E, blocks, size, k)``.
 
-        ``measured``: of one kind and shape, in E experiments; ``predictions``: those that they request.
+        ``measured``: of one kind and shape, in E experiments; ``values``: predicted ones of their observables.
         """
 
     @property
@@ -295,10 +192,10 @@ class Measurement(ABC):
 
     def check(self, tubes: int) -> None:
         """Raise ``DefinitionError`` for a tube that a robot with this number of ``tubes`` does not have."""
-        for request in self.requests:
-            for one in (request.tube, request.place.tube if isinstance(request.place, Distal) else None):
-                if one is not None:
-                    index(one, "tube", tubes)
+        for one in self.observables:
+            for carrier in (one.tube, one.place.tube if isinstance(one.place, Distal) else None):
+                if carrier is not None:
+                    index(carrier, "tube", tubes)
 
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
@@ -356,7 +253,7 @@ POINTS = Part("points", "", "m", last=3)
 DIRECTIONS = Part("directions", "direction", "rad", first=-3)
 
 
-def distances(measured: Sequence[Any], predictions: PredictionList) -> tuple[Array, Array]:
-    """Prediction minus measured positions, and derivatives."""
-    poses = Stacked.of(predictions)
+def distances(measured: Sequence[Any], values: ObservedList) -> tuple[Array, Array]:
+    """Predicted minus measured positions, and derivatives."""
+    poses = Stacked.of(values)
     return poses.value[..., 3] - np.array([one.position for one in measured]), poses.slopes[:, :, :3]

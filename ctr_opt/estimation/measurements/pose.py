@@ -10,21 +10,8 @@ import numpy as np
 
 from ...checks import Array, array, index
 from ...errors import DefinitionError
-from .kind import (
-    DIRECTIONS,
-    POINTS,
-    Distal,
-    Entry,
-    Measurement,
-    Place,
-    PredictionList,
-    Request,
-    Table,
-    place,
-    sensor_name,
-    six,
-    vector_sigma,
-)
+from ...layout.observables import Distal, Observable, ObservedList, Place
+from .kind import DIRECTIONS, POINTS, Entry, Measurement, Table, place, sensor_name, six, vector_sigma
 
 
 def _pose(value: Any) -> Array:
@@ -76,9 +63,9 @@ class PoseMeasurement(Measurement):
         _ = self.whitener
 
     @property
-    def requests(self) -> tuple[Request, ...]:
+    def observables(self) -> tuple[Observable, ...]:
         """The pose."""
-        return (Request("pose", self.arc_length[0], self.tube, self.sensor),)
+        return (Observable("pose", self.arc_length[0], self.tube, self.sensor),)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -96,11 +83,11 @@ class PoseMeasurement(Measurement):
         return (Table("tip_pose", entries | {"tube": Entry("tube", required=False)}, _at_end),)
 
     @staticmethod
-    def compare(measured: Sequence[PoseMeasurement], predictions: PredictionList) -> tuple[Array, Array]:
+    def compare(measured: Sequence[PoseMeasurement], values: ObservedList) -> tuple[Array, Array]:
         """Difference of positions, and the rotation vector from the measured to the predicted frame."""
         from scipy.spatial.transform import Rotation
 
-        value, slopes = predictions[0].value, predictions[0].slopes
+        value, slopes = values[0].value, values[0].slopes
         poses = np.array([one.pose for one in measured])
         turned = Rotation.from_matrix(value[:, :, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)).as_rotvec()
         rates = np.concatenate((slopes[:, :3], inverse_left_jacobian(turned) @ slopes[:, 3:]), axis=1)

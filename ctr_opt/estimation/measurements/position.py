@@ -11,26 +11,14 @@ import numpy as np
 
 from ...checks import ARRAY_EQ, Array, array
 from ...errors import DefinitionError
-from .kind import (
-    POINTS,
-    Entry,
-    Measurement,
-    Place,
-    PredictionList,
-    Request,
-    Table,
-    as_given,
-    distances,
-    places,
-    sensor_name,
-    vector_sigma,
-)
+from ...layout.observables import Observable, ObservedList, Place
+from .kind import POINTS, Entry, Measurement, Table, as_given, distances, places, sensor_name, vector_sigma
 
 
 @lru_cache
-def _poses(where: tuple[Place, ...], sensor: str | None) -> tuple[Request, ...]:
-    """Requests of poses: one object for all measurements at the same places."""
-    return tuple(Request("pose", place, sensor=sensor, frame=0 if sensor is None else None) for place in where)
+def _poses(where: tuple[Place, ...], sensor: str | None) -> tuple[Observable, ...]:
+    """Poses: one object for all measurements at the same places."""
+    return tuple(Observable("pose", place, sensor=sensor, frame=0 if sensor is None else None) for place in where)
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -80,7 +68,7 @@ class PositionMeasurement(Measurement):
         _ = self.whitener
 
     @property
-    def requests(self) -> tuple[Request, ...]:
+    def observables(self) -> tuple[Observable, ...]:
         """Poses at the places."""
         return _poses(self.arc_length, self.sensor)
 
@@ -96,6 +84,6 @@ class PositionMeasurement(Measurement):
         return (Table("tip_position", entries, partial(cls, None)),)
 
     @staticmethod
-    def compare(measured: Sequence[PositionMeasurement], predictions: PredictionList) -> tuple[Array, Array]:
+    def compare(measured: Sequence[PositionMeasurement], values: ObservedList) -> tuple[Array, Array]:
         """Distances to the points, and derivatives."""
-        return distances(measured, predictions)
+        return distances(measured, values)

@@ -11,7 +11,8 @@ import numpy as np
 
 from ...checks import Array, array
 from ...errors import DefinitionError
-from .kind import DIRECTIONS, Entry, Measurement, Place, PredictionList, Request, Table, place, sensor_name
+from ...layout.observables import Observable, ObservedList, Place
+from .kind import DIRECTIONS, Entry, Measurement, Table, place, sensor_name
 
 
 def _direction(value: Any) -> Array:
@@ -61,9 +62,9 @@ class TangentMeasurement(Measurement):
         return np.asarray(np.linalg.svd(self.direction[None])[2][1:])
 
     @property
-    def requests(self) -> tuple[Request, ...]:
+    def observables(self) -> tuple[Observable, ...]:
         """The pose."""
-        return (Request("pose", self.arc_length[0], sensor=self.sensor, frame=0 if self.sensor is None else None),)
+        return (Observable("pose", self.arc_length[0], sensor=self.sensor, frame=0 if self.sensor is None else None),)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -77,9 +78,9 @@ class TangentMeasurement(Measurement):
         return (Table("tip_direction", entries, partial(cls, None)),)
 
     @staticmethod
-    def compare(measured: Sequence[TangentMeasurement], predictions: PredictionList) -> tuple[Array, Array]:
+    def compare(measured: Sequence[TangentMeasurement], values: ObservedList) -> tuple[Array, Array]:
         """The predicted tangent across the measured one, scaled to the angle between them, and derivatives."""
-        tangent, slopes = predictions[0].value[:, :, 2], predictions[0].slopes[:, 3:]
+        tangent, slopes = values[0].value[:, :, 2], values[0].slopes[:, 3:]
         axes = np.array([one._across for one in measured])
         direction = np.array([one.direction for one in measured])[:, None]
         moved = np.cross(slopes, tangent[:, :, None], axis=1)
@@ -94,8 +95,8 @@ class TangentMeasurement(Measurement):
         of_angle = _factors(along) * of_sine - _factors(sine) * (direction @ moved)
         bend = np.swapaxes(unit, 1, 2)
         change = bend * of_angle + _factors(angle / sine) * (of_across - bend * of_sine)
-        values = np.where(near[:, None, None], across[:, None], angle[:, None, None] * unit)
-        return values, np.where(near[:, None, None], of_across, change)[:, None]
+        turned = np.where(near[:, None, None], across[:, None], angle[:, None, None] * unit)
+        return turned, np.where(near[:, None, None], of_across, change)[:, None]
 
 
 def _factors(numbers: Array) -> Array:

@@ -1,0 +1,101 @@
+"""The measured force and moment of a robot on its support."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ...checks import ARRAY_EQ, Array, array
+from ...errors import DefinitionError
+from ...layout.observables import Observable, ObservedList
+from .kind import Entry, Measurement, Part, Table, six, vector_sigma
+
+
+def _wrench(value: Any) -> Array:
+    return array(value, "wrench", (6,))
+
+
+def _sigma(value: Any) -> Any:
+    """Of force and moment, as one for each axis."""
+    return six(*value) if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 2 else value
+
+
+@attrs.frozen(eq=False, slots=False)
+class BaseWrenchMeasurement(Measurement):
+    """A measured wrench of the robot on its support, as a six-axis sensor under the robot shows it.
+
+    It is the resultant of all loads on the robot in front of the entry point, those at the entry point and weights
+    included: by the balance of forces and moments, ``F = sum f`` and ``M = sum (p - p_0) x f + l`` of forces ``f`` and
+    moments ``l`` at places ``p``, with the entry point ``p_0``. Behind the entry point only actuators act; the sensor
+    carries them too, so that their forces and torques, which are internal, do not show. The weight of what is behind
+    the entry point is no part of it: set the sensor to zero with it, or subtract it.
+
+    Parameters
+    ----------
+    wrench
+        ``(6,)``: force, N, and moment about the entry point, N m, world frame, as
+        :attr:`Equilibrium.base_wrench <ctr_opt.Equilibrium.base_wrench>` gives it.
+    sigma
+        Standard deviations of force (N) and moment (N m): a pair of numbers, or ``(6,)``; a covariance ``(6, 6)``; or
+        None.
+
+    Examples
+    --------
+    A rod of 0.1 m along z that is pushed to the side at its tip:
+
+    >>> BaseWrenchMeasurement([0.2, 0.0, 0.0, 0.0, 0.02, 0.0], sigma=(0.01, 5e-4)).shape
+    (1, 6)
+    """
+
+    wrench: Array = attrs.field(eq=ARRAY_EQ, converter=_wrench)
+    sigma: Any = attrs.field(default=None, converter=_sigma)
+
+    one_unit = False
+    parts = (Part("wrenches", "base force", "N", last=3), Part("wrenches", "base moment", "N m", first=3))
+    columns = {"base_force": "N", "base_moment": "N*m"}  # noqa: RUF012
+
+    def __attrs_post_init__(self) -> None:
+        _ = self.whitener
+
+    @property
+    def observables(self) -> tuple[Observable, ...]:
+        """The wrench."""
+        return (Observable("base_wrench"),)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Six numbers."""
+        return 1, 6
+
+    @classmethod
+    def tables(cls) -> tuple[Table, ...]:
+        """Force and moment."""
+        entries = {"force": Entry("N", (3,)), "moment": Entry("N*m", (3,))}
+        entries |= {"force_sigma": vector_sigma("N"), "moment_sigma": vector_sigma("N*m")}
+        return (Table("base_wrench", entries, _of_parts),)
+
+    @classmethod
+    def of_columns(cls, values: Mapping[str, Array], sigmas: Mapping[str, Any]) -> Measurement:
+        """From force and moment, and their standard deviations: of both, or of none."""
+        deviations = [sigmas[name] for name in cls.columns]
+        if sum(one is None for one in deviations) == 1:
+            raise DefinitionError("sigma: give it for both base_force and base_moment, or for none")
+        sigma = None if deviations[0] is None else six(*deviations)
+        return cls(np.concatenate([values[name] for name in cls.columns]), sigma)
+
+    def to_columns(self) -> Mapping[str, Array]:
+        """Force and moment."""
+        return dict(zip(self.columns, np.split(self.wrench, 2), strict=True))
+
+    @staticmethod
+    def compare(measured: Sequence[BaseWrenchMeasurement], values: ObservedList) -> tuple[Array, Array]:
+        """Differences of the wrenches, and derivatives."""
+        wrenches = np.array([one.wrench for one in measured])
+        return (values[0].value - wrenches)[:, None], values[0].slopes[:, None]
+
+
+def _of_parts(force: Any, moment: Any, force_sigma: Any, moment_sigma: Any) -> Measurement:
+    return BaseWrenchMeasurement(six(force, moment), six(force_sigma, moment_sigma))

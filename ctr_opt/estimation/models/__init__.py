@@ -1,0 +1,1 @@
+"""Models of experiments: residuals and observables with derivatives, in symbols and by compiled code."""

@@ -1,0 +1,120 @@
+"""The model of experiments of one kind by compiled code, for the parameters and observables that it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...checks import Array
+from ...errors import EstimationError
+from ...layout.ends import SAME_POINT, innermost
+from ...layout.observables import Observable, ObservedList, Somewhere
+from ...loads.kind import Load
+from ...native import compile as compilation
+from ...native.calls import LoadRows
+from ...native.predictions import Predictions, arc_length, supported, told
+from ...robot.actuation import Actuation
+from ...robot.names import euler_rates, parsed
+from ...robot.robot import Robot
+
+_SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
+_APART = 10.0 * SAME_POINT  # of the longest tube
+
+
+def compilable(
+    robot: Robot, loads: Sequence[Load], observables: Sequence[Observable], acting: Sequence[str], wanted: bool | None
+) -> bool:
+    """Whether compiled code serves experiments with such loads, observables and parameters.
+
+    ``wanted``: True waits for the compiler and raises ``CompilationError`` where there is none, None uses compiled code
+    where there is a compiler, unless it works on request only.
+    """
+    if wanted is False or (wanted is None and (compilation.on_request_only() or compilation.compiler() is None)):
+        return False
+    return (
+        all(told(one, robot) for one in observables)
+        and all(supported(name, robot, loads) for name in acting)
+        and LoadRows.of(robot, loads) is not None
+    )
+
+
+class CompiledModel:
+    """Residuals and observables of experiments, and derivatives by the ``acting`` parameters, in one call.
+
+    ``observables``: those of each experiment, framed, alike except for arc lengths; ``sizes``: of the parameters by
+    name.
+    """
+
+    def __init__(self, observables: Sequence[Sequence[Observable]], sizes: Mapping[str, int]) -> None:
+        self.observables = observables[0]
+        placed = [[one for one in own if one.quantity.at == "place"] for own in observables]
+        self._numbers = np.array([[arc_length(one) for one in own] for own in placed])
+        self._on = [one.on for one in placed[0]]
+        self._somewhere = [k for k, one in enumerate(placed[0]) if isinstance(one.place, Somewhere)]
+        self.acting = list(sizes)
+        starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
+        self._turned = starts.get("base.rotation")
+        self._kept: tuple[list[int], Array, Predictions] | None = None
+        self._fixed = not any(parsed(name)[0] == "loads" or name.endswith(_SOURCES) for name in sizes)
+
+    def evaluate(
+        self,
+        robot: Robot,
+        experiments: Sequence[tuple[Actuation, Sequence[Load]]],
+        z: Array,
+        angles: Array,
+        s: Array,
+    ) -> tuple[Array, ObservedList, Array]:
+        """As :meth:`SymbolicModel.evaluate`.
+
+        ``angles`` are those of the base, by which the robot is turned already; ``s (E, k)``: arc lengths of the points
+        that are somewhere.
+        """
+        joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
+        values = self._model(robot, experiments, joints, s).at(z)
+        if values.failed.any():
+            joints = _parted(robot, joints, np.flatnonzero(values.failed))
+            values = self._model(robot, experiments, joints, s).at(z)
+        if values.failed.any():
+            k = int(np.flatnonzero(values.failed)[0])
+            raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
+        if self._turned is not None:
+            first = z.shape[1] + int(self._turned)
+            part, turn = slice(first, first + 3), euler_rates(angles)
+            for rates in values.rates:
+                rates[..., part] = rates[..., part] @ turn
+        return values.residual, values.observed, values.slopes
+
+    def _model(
+        self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], joints: Array, s: Array
+    ) -> Predictions:
+        """The predictions, built again only where loads, or what follows from the robot's numbers, have changed."""
+        ends = joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes]
+        longest, places = innermost(ends).tolist(), self._places(ends, s)
+        if self._kept is None or not self._fixed or self._kept[0] != longest:
+            model = Predictions(robot, self.acting, experiments, self.observables, places)
+            self._kept = longest, places, model
+        _, before, model = self._kept
+        return model.moved(robot, joints, None if np.array_equal(places, before, equal_nan=True) else places)
+
+    def _places(self, ends: Array, s: Array) -> Array:
+        """Arc lengths of what is observed at places ``(E, k)``; not numbers where that is the end of what it is on."""
+        length = ends.max(axis=1)
+        places = self._numbers.copy()
+        places[:, self._somewhere] = np.minimum(s, length[:, None])
+        for k, tube in enumerate(self._on):
+            most = length if tube is None else ends[:, tube]
+            places[places[:, k] > most + SAME_POINT * length, k] = np.nan
+        return places
+
+
+def _parted(robot: Robot, joints: Array, those: NDArray[np.intp]) -> Array:
+    """Joints ``(E, 2 tubes)`` with the tubes of ``those`` experiments drawn back a little, outer ones by more.
+
+    Where break points coincide, derivatives by translations have two sides: this chooses one.
+    """
+    joints, tubes = joints.copy(), len(robot.tubes)
+    joints[those, tubes:] -= _APART * max(tube.length for tube in robot.tubes) * np.arange(1, tubes + 1)
+    return joints
