@@ -121,12 +121,12 @@ def test_a_narrow_load_is_seen(width):
 
 def test_verify_counts_the_force_that_the_steps_missed(monkeypatch):
     """Without break points for it the steps see 0.4999 N of 0.5 N; the distance to the exact shape tells."""
-    from ctr_opt.layout import configuration as sections
+    from ctr_opt.loads import density
 
     peak, made = 0.5 / (2e-3 * np.sqrt(np.pi)), rod(0.15, 0.01, 0.008)
     load = ctr.DistributedLoad(force=lambda s: [peak * np.exp(-(((s - 0.0713) / 2e-3) ** 2)), 0.0, 0.0])
     exact = ctr.ForwardProblem(made, tolerance=1e-9).solve(held(), [load])
-    monkeypatch.setattr(sections, "resolve", lambda *_: [])
+    monkeypatch.setattr(density, "resolve", lambda *_: [])
     missed = ctr.ForwardProblem(made, tolerance=1e-3).solve(held(), [load])
     assert np.linalg.norm(missed.internal_force(0.0) - [0.5, 0.0, 0.0]) > 1e-4
     error = np.linalg.norm(missed.tip_position - exact.tip_position)
