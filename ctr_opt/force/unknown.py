@@ -6,6 +6,7 @@ An unknown load says which loads stand for it, which of their numbers are unknow
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any, Protocol, Self
 
 import attrs
@@ -16,8 +17,6 @@ from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..loads.kind import Load
 from ..loads.point import PointWrench
-
-_TIP = 0  # the tube that the tip belongs to, as far as loads are concerned: forces there are the same for all
 
 
 def _tube(value: Any) -> int:
@@ -165,13 +164,31 @@ class _AsItStands:
         return self
 
 
+@attrs.frozen
+class _AtTip(_AsItStands):
+    """What acts at the tip, on the innermost tube there once the robot is known."""
+
+    tube: int = attrs.field(default=0, init=False, eq=False, repr=False)
+
+    def placed(self, ends: Ends) -> Self:
+        """At the end of the innermost tube at the tip."""
+        placed = copy(self)
+        object.__setattr__(placed, "tube", ends.innermost())
+        return placed
+
+    @property
+    def place(self) -> None:
+        """The tip."""
+        return
+
+
 def vector(name: str) -> tuple[str, ...]:
     """Labels of its components."""
     return tuple(f"{name}.{axis}" for axis in "xyz")
 
 
 @attrs.frozen
-class TipForce(_AsItStands):
+class TipForce(_AtTip):
     """A force at the tip, world frame.
 
     Parameters
@@ -196,7 +213,7 @@ class TipForce(_AsItStands):
 
     def loads(self) -> list[Load]:
         """A point force."""
-        return [PointWrench(force=np.zeros(3))]
+        return [PointWrench(force=np.zeros(3), tube=self.tube)]
 
     @property
     def sought(self) -> tuple[Sought, ...]:
@@ -213,14 +230,9 @@ class TipForce(_AsItStands):
         """The bounds."""
         return limits(self.bounds, "bounds", 3)
 
-    @property
-    def place(self) -> None:
-        """The tip."""
-        return
-
 
 @attrs.frozen
-class TipWrench(_AsItStands):
+class TipWrench(_AtTip):
     """A force and a moment at the tip, world frame; the moment acts on the innermost tube.
 
     Parameters
@@ -244,7 +256,7 @@ class TipWrench(_AsItStands):
 
     def loads(self) -> list[Load]:
         """A point wrench."""
-        return [PointWrench(force=np.zeros(3), moment=np.zeros(3), tube=_TIP)]
+        return [PointWrench(force=np.zeros(3), moment=np.zeros(3), tube=self.tube)]
 
     @property
     def sought(self) -> tuple[Sought, ...]:
@@ -260,11 +272,6 @@ class TipWrench(_AsItStands):
     def limits(self) -> tuple[Array, Array]:
         """The bounds."""
         return limits(self.bounds, "bounds", 6)
-
-    @property
-    def place(self) -> None:
-        """The tip."""
-        return
 
 
 @attrs.frozen

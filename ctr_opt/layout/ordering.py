@@ -7,6 +7,7 @@ sorted by expressions they are symbols, zero or one, and the order is then part 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from functools import reduce
 from itertools import pairwise
 from typing import Any, TypeAlias
 
@@ -92,19 +93,22 @@ def given_order(points: Mapping[Key, Any], keys: list[Key]) -> Order:
     return Order(places, ranks, {key: points[key] if rank < 0 else 0.0 for key, rank in ranks.items()})
 
 
-def sorted_order(points: Mapping[Key, Any], behind: Collection[Key]) -> Order:
-    """The order of the points by the values of their expressions.
+def sorted_order(points: Mapping[Key, Any], behind: Collection[Key], slack: float) -> Order:
+    """The order of the points by the values of their expressions, which are equal within a ``slack``.
 
-    Those of ``behind`` never come in front of the entry point. Of equal ones the tubes' own come last, so that no
-    section lies behind the robot's end.
+    Those of ``behind`` never come in front of the entry point. Of equal ones the tubes' own come last, the innermost's
+    first, so that no section lies behind the robot's end, and compiled code has the same order.
     """
     keys = [key for key in points if key != ENTRY and key not in behind]
     keys = [ENTRY, *sorted(keys, key=lambda key: key[0] == "tube")]
-    where = {key: ca.if_else(points[key] > 0, points[key], 0) for key in keys[1:]} | {ENTRY: ca.SX(0)}
+    where = {key: ca.if_else(points[key] > slack, points[key], 0) for key in keys[1:]} | {ENTRY: ca.SX(0)}
+    least = {
+        b: reduce(ca.fmin, [ca.if_else(where[a] < s - slack, s, where[a]) for a in keys]) for b, s in where.items()
+    }
     ranks: dict[Key, Any] = dict.fromkeys(behind, -1) | {ENTRY: 0}
     for j, b in enumerate(keys[1:], 1):
-        earlier = [where[a] <= where[b] for a in keys[:j]]
-        ranks[b] = sum([*earlier, *(where[a] < where[b] for a in keys[j + 1 :])], ca.SX(0))
+        earlier = [least[a] <= least[b] for a in keys[:j]]
+        ranks[b] = sum([*earlier, *(least[a] < least[b] for a in keys[j + 1 :])], ca.SX(0))
     places: list[Any] = [0.0]
     places += [sum(((ranks[key] == k) * where[key] for key in keys[1:]), ca.SX(0)) for k in range(1, len(keys))]
     return Order(places, ranks, {key: points[key] - where.get(key, 0.0) for key in points})

@@ -121,8 +121,9 @@ class Parametric:
 
     @property
     def length(self) -> Any:
-        """The largest tube end."""
-        return reduce(lambda length, end: ca.if_else(length < end, end, length), self.tube_ends)
+        """The largest tube end, of those that are the same point the outermost tube's, which comes last in an order."""
+        slack = self.configuration.ends.slack
+        return reduce(lambda length, end: ca.if_else(end < length - slack, length, end), self.tube_ends)
 
     @property
     def tube_at_tip(self) -> Any:

@@ -125,7 +125,7 @@ class ParametricProblem:
     def sorted(self) -> Order:
         """The order by the values of the parameters, as part of the function."""
         points = self.parametric.points
-        return sorted_order(points, [key for key in points if self._behind(key)])
+        return sorted_order(points, [key for key in points if self._behind(key)], self.configuration.ends.slack)
 
     def innermost(self, s: float | None, column: int, sign: float) -> int:
         """The innermost tube at a fixed arc length, or at the tip, when a parameter grows or shrinks a little.
@@ -147,7 +147,8 @@ class ParametricProblem:
         """
         torque, shapes, points = ca.SX.sym("torque"), self.parametric.shapes[i], self.parametric.points
         ranks = {("tube", i, j): order.ranks["tube", i, j] for j in range(1, len(shapes) + 1)}
-        ahead = {key: float(rank > 0) if isinstance(rank, int) else points[key] > 0 for key, rank in ranks.items()}
+        slack = self.configuration.ends.slack
+        ahead = {key: float(rank > 0) if isinstance(rank, int) else points[key] > slack for key, rank in ranks.items()}
         jumps = [sum(ahead[key] * order.at(key, k) for key in ranks) for k in range(order.sections + 1)]
         signed = {side: jumps[side[0]] if side[1] else -jumps[side[0]] for side in order.every_side if side[0]}
         weights = {side: weight for side, weight in signed.items() if not (isinstance(weight, float) and weight == 0.0)}

@@ -1,4 +1,4 @@
-"""Where a tube ends at the tip of another, at a measurement or at a sensor: whose frame is taken.
+"""Where a tube ends at the tip of another, at a measurement or at a sensor: whose frame is taken, and kept.
 
 Two tubes of a straight and a curved part, in whole centimetres. Their ends are one point, as decimal numbers have it,
 and what is expected follows from that alone: the tube that ends at a point is still there, and the innermost counts.
@@ -97,3 +97,30 @@ def test_a_sensor_where_an_inner_tube_ends_is_on_that_tube(compiled):
         experiments.append(ctr.Experiment(actuation, [], [seen]))
     fit = ctr.CalibrationProblem(robot, experiments, ["sensors.coil.translation"], compiled=compiled).solve()
     np.testing.assert_allclose(fit.values["sensors.coil.translation"], mounted, rtol=0.0, atol=1e-8)
+
+
+@COMPILED
+def test_a_model_that_is_kept_follows_the_tube_that_is_there(compiled):
+    """Two estimates by one problem, before and after the inner tube has been drawn back behind the sensor."""
+    robot, push = two(0.10, 0.05), [ctr.PointWrench([0.1, 0.05, 0.0], tube=1)]
+    problem = ctr.ForceEstimationProblem(robot, ctr.PointForce(0.05, tube=1), compiled=compiled)
+    for inner in (-0.09, -0.104):
+        actuation = ctr.Actuation([0.0, 1.2], [inner, -0.02])
+        shape = ctr.ForwardProblem(robot).solve(actuation, push)
+        seen = [
+            ctr.PoseMeasurement(0.05, shape.pose(0.05), sigma=[1e-4] * 3 + [1e-3] * 3),
+            ctr.PositionMeasurement(None, shape.tip_position, sigma=1e-4),
+        ]
+        found = problem.solve(actuation, seen, push)
+        assert found.consistent
+        np.testing.assert_allclose(found.estimates, 0.0, atol=1e-6)
+
+
+@COMPILED
+def test_a_force_at_the_tip_acts_there_though_an_outer_tube_ends_last(compiled):
+    robot, force = two(0.10, 0.05), np.array([0.02, -0.03, 0.01])
+    shape = ctr.ForwardProblem(robot, compiled=compiled).solve(INNER_ENDS, [ctr.PointWrench(force, tube=1)])
+    places = np.linspace(0.02, shape.length, 6)
+    seen = ctr.PositionMeasurement(places, shape.position(places), sigma=1e-5)
+    found = ctr.ForceEstimationProblem(robot, ctr.TipForce(), compiled=compiled).solve(INNER_ENDS, seen)
+    np.testing.assert_allclose(found.estimates, force, rtol=0.0, atol=1e-6)

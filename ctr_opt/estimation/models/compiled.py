@@ -56,7 +56,7 @@ class CompiledModel:
         self.acting = list(sizes)
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
-        self._kept: tuple[list[int], Array, Predictions] | None = None
+        self._kept: dict[tuple[tuple[str, ...], bytes], tuple[Array, Predictions]] = {}
         self._fixed = not any(parsed(name)[0] == "loads" or name.endswith(_SOURCES) for name in sizes)
 
     def evaluate(
@@ -73,10 +73,14 @@ class CompiledModel:
         that are somewhere.
         """
         joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
-        values = self._model(robot, experiments, joints, s).at(z)
-        if values.failed.any():
-            joints = _parted(robot, joints, np.flatnonzero(values.failed))
-            values = self._model(robot, experiments, joints, s).at(z)
+        values = self._model(self.acting, robot, experiments, joints, s).at(z)
+        if values.failed.any():  # derivatives have sides: choose one; values are those of the joints as they are
+            parted = _parted(robot, joints, np.flatnonzero(values.failed))
+            values = self._model(self.acting, robot, experiments, parted, s).at(z)
+            whole = self._model([], robot, experiments, joints, s).at(z)
+            values.residual[:] = whole.residual
+            for k in range(len(self.observables)):
+                values.observed[k].value[:] = whole.observed[k].value
         if values.failed.any():
             k = int(np.flatnonzero(values.failed)[0])
             raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
@@ -88,15 +92,23 @@ class CompiledModel:
         return values.residual, values.observed, values.slopes
 
     def _model(
-        self, robot: Robot, experiments: Sequence[tuple[Actuation, Sequence[Load]]], joints: Array, s: Array
+        self,
+        names: Sequence[str],
+        robot: Robot,
+        experiments: Sequence[tuple[Actuation, Sequence[Load]]],
+        joints: Array,
+        s: Array,
     ) -> Predictions:
-        """The predictions, built again only where loads, or what follows from the robot's numbers, have changed."""
+        """Predictions with derivatives by the named parameters, at joints ``(E, 2 tubes)``.
+
+        They are built again only where loads, or what follows from the robot's numbers, have changed.
+        """
         ends = joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes]
-        longest, places = innermost(ends).tolist(), self._places(ends, s)
-        if self._kept is None or not self._fixed or self._kept[0] != longest:
-            model = Predictions(robot, self.acting, experiments, self.observables, places)
-            self._kept = longest, places, model
-        _, before, model = self._kept
+        places, key = self._places(ends, s), (tuple(names), innermost(ends).tobytes())
+        if key not in self._kept or not self._fixed:
+            own = [(Actuation(*np.split(at, 2)), loads) for at, (_, loads) in zip(joints, experiments, strict=True)]
+            self._kept[key] = places, Predictions(robot, names, own, self.observables, places)
+        before, model = self._kept[key]
         return model.moved(robot, joints, None if np.array_equal(places, before, equal_nan=True) else places)
 
     def _places(self, ends: Array, s: Array) -> Array:
@@ -111,10 +123,13 @@ class CompiledModel:
 
 
 def _parted(robot: Robot, joints: Array, those: NDArray[np.intp]) -> Array:
-    """Joints ``(E, 2 tubes)`` with the tubes of ``those`` experiments drawn back a little, outer ones by more.
+    """Joints ``(E, 2 tubes)`` with the tubes of ``those`` experiments a little farther in front, outer ones by more.
 
-    Where break points coincide, derivatives by translations have two sides: this chooses one.
+    So break points that coincide come apart, in the order in which symbols are sorted, and derivatives by translations
+    have one side. A tube whose base is at the entry point is drawn back, an inner one by more.
     """
     joints, tubes = joints.copy(), len(robot.tubes)
-    joints[those, tubes:] -= _APART * max(tube.length for tube in robot.tubes) * np.arange(1, tubes + 1)
+    step = _APART * max(tube.length for tube in robot.tubes)
+    ahead, back = step * np.arange(1, tubes + 1), -step * np.arange(tubes, 0, -1)
+    joints[those, tubes:] += np.where(joints[those, tubes:] + ahead <= 0.0, ahead, back)
     return joints

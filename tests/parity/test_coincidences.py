@@ -1,0 +1,279 @@
+"""Numbers, symbols and compiled code agree where ends, steps of curvature, loads and measurements meet.
+
+On random robots in whole centimetres (``tests/support/centimetres.py``). Which tube is meant follows from whole
+picometres, what its frame is from the angles of the tubes, and what derivatives are from solving again.
+"""
+
+import attrs
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import ctr_opt as ctr
+from ctr_opt.force.model import loaded_model
+from ctr_opt.forward.compiled import CompiledRecord
+from ctr_opt.layout.ends import Ends
+from ctr_opt.robot.names import parameters
+from tests.support.centimetres import PM, case, metres
+
+COMPILED = pytest.mark.parametrize("compiled", [False, True], ids=["virtual machine", "compiled"])
+TOLERANCE = 1e-10  # of a solve: positions over the length
+STEP = 2e-5  # rad, m: of differences
+
+
+def solve(given, compiled=True, **start):
+    problem = ctr.ForwardProblem(given.robot, tolerance=TOLERANCE, compiled=compiled)
+    return problem.solve(given.actuation, given.loads, **start)
+
+
+def moved(given, joint, by):
+    """With one joint moved: rotations, then translations."""
+    joints = np.concatenate((given.actuation.rotations, given.actuation.translations))
+    joints[joint] += by
+    return attrs.evolve(given, actuation=ctr.Actuation(*np.split(joints, 2)))
+
+
+def turned(frames, angles):
+    """Frames turned about their own z."""
+    return frames @ Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
+
+
+def apart(pose, other):
+    """Six numbers: the difference of positions, and the rotation vector in the world."""
+    turn = Rotation.from_matrix(pose[:3, :3] @ other[:3, :3].T).as_rotvec()
+    return np.append(pose[:3, 3] - other[:3, 3], turn)
+
+
+def close(a, b, allowed):
+    np.testing.assert_allclose(a, b, rtol=0.0, atol=allowed)
+
+
+@pytest.mark.parametrize("block", range(8))
+def test_poses_of_200_robots(block):
+    """Of both kinds of shapes, to 2e-9: positions are good to 1e-11 m, and angles turn by 100 rad/m at most."""
+    for index in range(25 * block, 25 * block + 25):
+        given = case(index)
+        shape = solve(given)
+        assert isinstance(shape.record, CompiledRecord)
+        both = shape, solve(given, compiled=False, initial=shape)
+        s, tubes = np.array([metres(place) for place in given.places]), [given.innermost(x) for x in given.places]
+        longest = given.innermost(given.tip)
+        for one in both:
+            turns = np.empty(len(s))
+            for i in set(tubes):
+                turns[np.equal(tubes, i)] = one.tube_angle(i, s[np.equal(tubes, i)])
+            expected = turned(one.pose(s, longest)[:, :3, :3], turns - one.tube_angle(longest, s))
+            close(one.pose(s)[:, :3, :3], expected, 1e-12)
+            close(one.tip_pose[:3, :3], expected[-1], 1e-12)
+        close(both[0].pose(s), both[1].pose(s), 2e-9)
+        for i, end in enumerate(given.ends):
+            close(both[0].pose(metres(end), i), both[1].pose(metres(end), i), 2e-9)
+
+
+def base_at_entry(given, joint):
+    """Whether a joint is the translation of a tube that cannot advance: its derivative is that from behind."""
+    tubes = len(given.ends)
+    return joint >= tubes and given.actuation.translations[joint - tubes] > -1e-9
+
+
+def slope(given, shape, joint, side, pose):
+    """The derivative of a pose by a joint from one side, of a parabola through three solves there."""
+    shapes = [solve(moved(given, joint, side * k * STEP), initial=shape) for k in (1, 2, 3)]
+    poses = [pose(one) for one in shapes]
+    return np.array([-5.0, 8.0, -3.0]) @ [apart(one, poses[0]) for one in poses] / (2.0 * side * STEP)
+
+
+@pytest.mark.parametrize("index", [3, 4, 6, 13, 18])
+def test_jacobians_are_slopes_from_either_side(index):
+    """Within 1e-5 of the largest: parabolas are off by STEP^2 times third derivatives, up to 1e4 of it by m and rad."""
+    given = case(index, riding=True)
+    shape = solve(given)
+    for side in (1, -1):
+        jacobian = shape.jacobian(side=side)
+        for joint, column in enumerate(jacobian.T):
+            way = -1 if base_at_entry(given, joint) else side
+            expected = slope(given, shape, joint, way, lambda one: one.tip_pose)
+            close(column, expected, 1e-5 * np.abs(jacobian).max())
+
+
+@pytest.mark.parametrize("index", [0, 1, 3, 6])
+def test_slopes_where_an_inner_tube_ends(index):
+    """Of the pose at a fixed place, by rotations, in the frame of the tube that ends there."""
+    given = case(index, riding=True)
+    shape, end = solve(given), min(given.ends)
+    tube, tubes = given.innermost(end), len(given.ends)
+    found = shape.sensitivity(("pose", metres(end)), "rotations")
+    for joint in range(tubes):
+        expected = slope(given, shape, joint, 1, lambda one: one.pose(metres(end), tube))
+        close(found[:, joint], expected, 1e-5 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("index", [0, 1, 2, 5, 6])
+def test_compliances_are_slopes(index):
+    """By forces and moments at tubes' ends, of 1e-4 of what would bend the robot much; as above."""
+    given = case(index)
+    shape = solve(given)
+    for tube, end in enumerate(given.ends):
+        compliance = shape.compliance(tube=tube)
+        frame = tube if end == given.tip else given.innermost(given.tip)
+        columns = []
+        for unit in 1e-3 * np.eye(6) * np.repeat([1.0, 0.1], 3):
+            pushed = [
+                solve(attrs.evolve(given, loads=(*given.loads, ctr.PointWrench(*np.split(sign * unit, 2), tube=tube))))
+                for sign in (1, -1)
+            ]
+            poses = [one.pose(one.length, frame) for one in pushed]
+            columns.append(apart(*poses) / (2.0 * np.abs(unit).max()))
+        close(compliance, np.transpose(columns), 1e-5 * np.abs(compliance).max())
+
+
+@pytest.mark.parametrize("index", [5, 26, 197])
+def test_derivatives_in_compiled_code(index):
+    """Where points are 1e-12 m apart there are no sides, and compiled code takes the derivatives itself."""
+    given = case(index)
+    shape = solve(given)
+    other = solve(given, compiled=False, initial=shape)
+    assert not shape.one_sided
+    close(shape.jacobian(), other.jacobian(), 1e-7 * np.abs(other.jacobian()).max())
+    for tube, end in enumerate(given.ends):
+        if end == given.tip:
+            close(shape.compliance(tube=tube), other.compliance(tube=tube), 1e-7 * np.abs(other.compliance()).max())
+
+
+def own_curvature(shape, tube, s):
+    """Of a tube in its own frame, at its end."""
+    own = shape.robot.tubes[tube]
+    bend = shape.tube_moment(tube, s)[:2] / own.bending_stiffness + own.precurvature[-1].curvature[:2]
+    return np.append(bend, shape.torsion(tube, s))
+
+
+def poses(given, shape):
+    """Measured at every place in the frame that is meant there, and at the ends of the tubes."""
+    errors = {"sigma": [1e-4] * 3 + [1e-3] * 3}
+    seen = [ctr.PositionMeasurement(None, shape.tip_position, 1e-4)]
+    seen.append(ctr.PoseMeasurement(None, shape.tip_pose, **errors))
+    for place in given.places:
+        s = metres(place)
+        seen.append(ctr.PoseMeasurement(s, shape.pose(s, given.innermost(place)), **errors))
+        seen.append(ctr.PositionMeasurement(s, shape.position(s), 1e-4))
+    for tube, end in enumerate(shape.configuration.tube_ends):
+        seen.append(ctr.PoseMeasurement(ctr.Distal(tube), shape.pose(end, tube), **errors))
+    return seen
+
+
+def measured(given, shape):
+    """Those, and of every tube its pose and curvature at the place of its end, and its torque."""
+    seen = poses(given, shape)
+    for tube, end in enumerate(given.ends):
+        s = metres(end)
+        seen.append(ctr.PoseMeasurement(s, shape.pose(s, tube), [1e-4] * 3 + [1e-3] * 3, tube))
+        bent = own_curvature(shape, tube, s)
+        seen.append(ctr.CurvatureMeasurement([s, ctr.Distal(tube)], [bent, bent], 0.1, tube=tube))
+        seen.append(ctr.TorqueMeasurement(tube, shape.actuator_wrench(tube)[1], 1e-3))
+    return seen
+
+
+@pytest.mark.parametrize("index", [0, 2, 10, 31])
+def test_predictions_of_all_models(index):
+    """What shapes show, to 1e-7 (curvatures, of 10/m, to 1e-6); slopes to 1e-6 of the largest; forces of one order."""
+    given = case(index)
+    shape = solve(given)
+    seen, ends = measured(given, shape), Ends.of_robot(given.robot, given.actuation.translations)
+    forces = [ctr.ForceMeasurement(tube, 0.0, 1e-3) for tube in range(len(given.ends))]
+    observables = [one.framed(ends) for each in [*seen, *forces] for one in each.observables]
+    names = [f"loads[0].{field}" for field in ("force", "moment")], ["rotations", "tubes[0].bending_stiffness"]
+    known = parameters(given.robot, given.actuation, given.loads)
+    values = np.concatenate([known[name].value for name in names[0]])
+    told = []
+    for compiled in (True, False):
+        model = loaded_model(given.robot, given.actuation, given.loads, *names, observables, compiled, lambda: 8)
+        assert type(model).__name__ == ("_Compiled" if compiled else "_Symbolic")
+        told.append(model.at(shape.unknowns, values, np.zeros(0)))
+        start = 0
+        for each in seen:
+            those = told[-1].predictions[start : start + len(each.observables)]
+            start += len(each.observables)
+            misfit = each.compare([each], those)[0]
+            close(misfit, 0.0, 1e-6 if isinstance(each, ctr.CurvatureMeasurement) else 1e-7)
+    pushes = [np.vstack([each.value[0] for each in one.predictions[start:]]) for one in told]
+    close(*pushes, 1e-7)
+    slopes = [np.vstack([each.slopes[0] for each in one.predictions]) for one in told]
+    size = np.abs(slopes[0]).max(axis=0)
+    close(*(one / np.maximum(size, 1e-6 * size.max()) for one in slopes), 1e-6)
+
+
+def rates(frame, slopes):
+    """World angular velocities ``(3, k)`` of a frame whose entries, column by column, have slopes ``(9, k)``."""
+    turns = [slope.reshape((3, 3), order="F") @ frame.T for slope in slopes.T]
+    return np.transpose([[turn[2, 1], turn[0, 2], turn[1, 0]] for turn in turns])
+
+
+@pytest.mark.parametrize("index", [0, 3, 4])
+def test_functions_of_problems(index):
+    """Tips and their slopes, to 1e-7 of them: steps are the function's own. By translations from one of the sides."""
+    given = case(index, riding=True)
+    shape, tubes = solve(given), len(given.ends)
+    s = np.array([metres(place) for place in given.places])
+    function = ctr.ForwardProblem(given.robot, tolerance=TOLERANCE).function(shape, along=s)
+    joints = ca.MX.sym("joints", 2 * tubes)
+    told = function(rotations=joints[:tubes], translations=joints[tubes:], initial=shape.unknowns)
+    out = [told["tip_rotation"], told["positions"], told["tip_position"]]
+    both = ca.vertcat(told["tip_position"], ca.vec(told["tip_rotation"]))
+    at = np.concatenate((given.actuation.rotations, given.actuation.translations))
+    frame, positions, tip, slopes = (
+        part.full() for part in ca.Function("f", [joints], [*out, ca.jacobian(both, joints)])(at)
+    )
+    close(frame, shape.tip_pose[:3, :3], 1e-7)
+    close(positions.T, shape.position(s), 1e-8)
+    close(tip[:, 0], shape.tip_position, 1e-8)
+    sides = [shape.jacobian(side=side) for side in (1, -1)]
+    found = np.vstack((slopes[:3], rates(frame, slopes[3:])))
+    close(found[:, :tubes], sides[0][:, :tubes], 1e-6)
+    for joint in range(tubes, 2 * tubes if tubes == 2 else tubes):  # of more tubes there are more orders than sides
+        beside = [np.abs(found[:3, joint] - side[:3, joint]).max() for side in sides]
+        assert min(beside) < 1e-6 * np.abs(sides[0][:3]).max()
+
+
+def experiments(offset, seen):
+    """Of a robot whose inner tube is farther than was read, so that tubes are flush with others as it is read."""
+    given, made = case(3, riding=True), []
+    lengths = np.array([round(100 * tube.length) for tube in given.robot.tubes])
+    for ends in ([4, 4, 6], [6, 4, 4], [5, 5, 5], [4, 5, 5]):
+        read = ctr.Actuation(given.actuation.rotations, 0.01 * (np.array(ends) - lengths))
+        true = ctr.Actuation(read.rotations, read.translations + np.array([offset, 0.0, 0.0]))
+        one = attrs.evolve(given, actuation=true, ends=tuple(end * PM for end in ends))
+        made.append(ctr.Experiment(read, one.loads, seen(one, solve(one))))
+    return given.robot, made
+
+
+@COMPILED
+def test_nothing_is_left_at_the_true_parameters(compiled):
+    """But for the errors of solves, in 1/m, rad and m. Translations are unknown, too, and part what coincides."""
+    names = ["tubes[0].translation_offset", "tubes[0].bending_stiffness"]
+    nominal = ctr.CalibrationProblem(*experiments(0.0, measured), names, compiled=compiled).nominal()
+    for residual in nominal.residuals:
+        close(residual.value, 0.0, 2e-6)
+
+
+@COMPILED
+def test_an_offset_is_found_though_measurements_are_where_the_tube_was_read_to_end(compiled):
+    """What is measured there stays on that tube; 0.1 mm to 1e-9 m."""
+    fit = ctr.CalibrationProblem(*experiments(1e-4, poses), ["tubes[0].translation_offset"], compiled=compiled).solve()
+    close(fit.values["tubes[0].translation_offset"], 1e-4, 1e-9)
+
+
+@COMPILED
+@pytest.mark.parametrize("index", [1, 3])
+def test_forces_from_what_a_robot_shows(index, compiled):
+    """The force that acts, whatever model explains the measurements, to 1e-5 of it."""
+    given = case(index)
+    shape = solve(given)
+    tube = given.innermost(given.tip)
+    force = np.array([0.05, -0.08, 0.02])
+    pushed = attrs.evolve(given, loads=(*given.loads, ctr.PointWrench(force, tube=tube)))
+    shape = solve(pushed)
+    problem = ctr.ForceEstimationProblem(given.robot, ctr.TipForce(), compiled=compiled)
+    found = problem.solve(given.actuation, measured(given, shape), given.loads)
+    assert found.consistent
+    close(found.estimates, force, 1e-5 * np.abs(force).max())
