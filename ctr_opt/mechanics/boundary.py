@@ -44,7 +44,7 @@ def jump(state: State[SymT], force: SymT, moment: SymT) -> State[SymT]:
 
 
 def jump_at(state: State[SymT], force: SymT, moment: SymT, frame: SymT) -> State[SymT]:
-    """The same by way of the backbone frame ``R (3, 3)``, for derivatives by parts."""
+    """``jump`` by way of the backbone frame ``R (3, 3)``, for derivatives by parts."""
     couples = frame.T @ moment
     return attrs.evolve(
         state,

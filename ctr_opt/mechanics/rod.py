@@ -64,7 +64,7 @@ def rates(state: State[SymT], local: Local[SymT]) -> State[SymT]:
 
 
 def rates_at(state: State[SymT], local: Local[SymT], frame: SymT, bent: SymT) -> State[SymT]:
-    """The same by way of the backbone frame ``R (3, 3)`` and its curvature ``u_xy (2,)``, for derivatives by parts."""
+    """``rates`` by way of the backbone frame ``R (3, 3)`` and its curvature ``u_xy (2,)``, for derivatives by parts."""
     twisted = constitutive.twist_rate(state.torsion, local.stiffness, local.precurvature[2, :].T)
     position, orientation = frame[:, 2], quaternion_rate(state.orientation, ca.vertcat(bent, 0))
     to_body = frame.T

@@ -160,8 +160,8 @@ class Sizes:
 
     def at(self, block: str, steps: int) -> int:
         """Where a block begins in the result of a solve with this many steps; ``"size"``: where the result ends."""
-        fixed, each = self._blocks[block]
-        return fixed + each * steps
+        fixed, step = self._blocks[block]
+        return fixed + step * steps
 
     def results(self) -> str:
         """C text: where the blocks of results begin, and the parts of ``start``."""
@@ -194,7 +194,7 @@ def columns(struct: Any) -> dict[str, slice]:
 def arguments(function: str) -> list[Any]:
     """The ``ctypes`` of a function's arguments: every pointer is an address."""
     whole = {"int": _INT, "long": ctypes.c_long}
-    return [_ROOM if "*" in each else whole[each.split()[0]] for each in FUNCTIONS[function].split(", ")]
+    return [_ROOM if "*" in given else whole[given.split()[0]] for given in FUNCTIONS[function].split(", ")]
 
 
 def declarations() -> str:

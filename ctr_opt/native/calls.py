@@ -52,7 +52,7 @@ class LoadRows:
         self.address = self._table.address
 
     def placed(self, points: list[int], s: NDArray[np.float64]) -> LoadRows:
-        """The same with some rows of points at other arc lengths."""
+        """A copy with some rows of points at other arc lengths."""
         other = copy(self)
         point = self._point.copy()
         point[points, _POINT["s"]] = s[:, None]

@@ -73,13 +73,13 @@ def load(name: str, source: Source | str) -> ctypes.CDLL:
     ...     library = load("answer", "int answer(void) { return 42; }")
     ...     assert library.answer() == 42
     """
-    found, source = required(), source if isinstance(source, Source) else Source(source)
+    chosen, source = required(), source if isinstance(source, Source) else Source(source)
     library = kept(name, source)
     if library is None:
         digest = _digest(source.text)
-        key = _key(digest, found)
+        key = _key(digest, chosen)
         if key not in _loaded:
-            _loaded[key] = _load(name, key, source.text, found)
+            _loaded[key] = _load(name, key, source.text, chosen)
         library = _loaded[key]
         if source.origin is not None:
             with suppress(OSError):
@@ -92,12 +92,12 @@ def kept(name: str, source: Source) -> ctypes.CDLL | None:
 
     Nothing is written, compiled or logged.
     """
-    found = compiler()
-    if found is None or source.origin is None:
+    chosen = compiler()
+    if chosen is None or source.origin is None:
         return None
     try:
         digest = Entry(cache_directory(), name, source.origin).recall()
-        key = None if digest is None else _key(digest, found)
+        key = None if digest is None else _key(digest, chosen)
         if key is not None and key not in _loaded:
             library = Entry(cache_directory(), name, key).load()
             if library is not None:
@@ -107,17 +107,17 @@ def kept(name: str, source: Source) -> ctypes.CDLL | None:
     return None if key is None else _loaded.get(key)
 
 
-def _load(name: str, key: str, text: str, found: Compiler) -> ctypes.CDLL:
+def _load(name: str, key: str, text: str, chosen: Compiler) -> ctypes.CDLL:
     try:
         entry = Entry(cache_directory(), name, key)
         library = entry.load()
     except OSError as error:
         entry, library = None, None
         _cannot_keep(error)
-    return library or _build(entry, text, found)
+    return library or _build(entry, text, chosen)
 
 
-def _build(entry: Entry | None, text: str, found: Compiler) -> ctypes.CDLL:
+def _build(entry: Entry | None, text: str, chosen: Compiler) -> ctypes.CDLL:
     """Compile in a private directory, into which no other process looks, and keep the result if possible."""
     built = None
     with private_directory() as directory:
@@ -127,11 +127,11 @@ def _build(entry: Entry | None, text: str, found: Compiler) -> ctypes.CDLL:
                     library = entry.load()  # another process may have built it meanwhile
                     if library is not None:
                         return library
-                    built = found.build(text, directory)
+                    built = chosen.build(text, directory)
                     return entry.store(built)
             except OSError as error:
                 _cannot_keep(error)
-        built = built or found.build(text, directory)
+        built = built or chosen.build(text, directory)
         try:
             return ctypes.CDLL(str(built))  # stays loaded when its file is removed
         except OSError as error:
@@ -142,12 +142,12 @@ def _cannot_keep(error: OSError) -> None:
     _warn_once(f"compiled code is not kept for the next time: {error}; {DIRECTORY} names another directory")
 
 
-def _key(text: str, found: Compiler) -> str:
+def _key(text: str, chosen: Compiler) -> str:
     """Digest of all that the library depends on, given that of its text.
 
     The tuning chosen follows from compiler and processor.
     """
-    parts: list[Any] = [text, found.command, found.version, FLAGS, TUNINGS]
+    parts: list[Any] = [text, chosen.command, chosen.version, FLAGS, TUNINGS]
     return _digest(json.dumps([*parts, sys.platform, platform.machine(), _processor()]))
 
 

@@ -132,20 +132,11 @@ static void grow_force(const Case *c, const Lane *lane, double *along) {
 static void seed_translation(const Case *c, const Lane *lane, const double *z, double *along) {
   const Robot *robot = c->layout->robot;
   const int i = lane->index;
-  const double sigma = -c->layout->translations[i], torque = z[2 + i] * moment_scale(c->layout);
-  double preset[3], compliance, by_length, by_stiffness[STIFFNESSES];
+  const double sigma = -c->layout->translations[i];
+  double preset[3];
   precurvature(robot, i, piece_of(robot, i, sigma), sigma, preset, NULL);
-  transmission(&sigma, stiffness_of(robot, i), &compliance, &by_length, by_stiffness);
-  along[(AT_ANGLES + i) * BLOCK] = -by_length * torque - preset[2];
+  along[(AT_ANGLES + i) * BLOCK] = -c->by_length[i] * z[2 + i] * moment_scale(c->layout) - preset[2];
   grow_force(c, lane, along);
-}
-
-static void seed_stiffness(const Case *c, const Lane *lane, const double *z, double *along) {
-  const int i = lane->index;
-  const double behind_entry = -c->layout->translations[i];
-  double compliance, by_length, by_stiffness[STIFFNESSES];
-  transmission(&behind_entry, stiffness_of(c->layout->robot, i), &compliance, &by_length, by_stiffness);
-  along[(AT_ANGLES + i) * BLOCK] = by_stiffness[lane->component] * z[2 + i] * moment_scale(c->layout);
 }
 
 /* dR = R hat(e): half the quaternion product with the axis. */
@@ -171,7 +162,9 @@ static void seed(const Lanes *lanes, const Lane *lane, double *along) {
   const int i = lane->index;
   switch (lane->kind) {
     case BY_UNKNOWN: start_unknown(c, i, 1.0 / unit_of(layout, i), along, BLOCK); break;
-    case BY_STIFFNESS: seed_stiffness(c, lane, lanes->z, along); break;
+    case BY_STIFFNESS:
+      along[(AT_ANGLES + i) * BLOCK] = c->by_stiffness[i][lane->component] * lanes->z[2 + i] * moment_scale(layout);
+      break;
     case BY_ROTATION: along[(AT_ANGLES + i) * BLOCK] = 1.0; break;
     case BY_TRANSLATION: seed_translation(c, lane, lanes->z, along); break;
     case BY_PLACE: grow_force(c, lane, along); break;

@@ -29,29 +29,29 @@ static int refine(const Case *first, double *z, double *inverse_, const Tangent 
       return TOO_SMALL;
     }
     double *out = result + RESULT_START(n), *jacobian = out + START_JACOBIAN, *mesh = result + RESULT_MESH(n);
-    Found found = {.iterations = iterations, .right = result + RESULT_RIGHT(n), .left = result + RESULT_LEFT(n)};
-    memcpy(found.z, z, sizeof found.z);
+    Solution solution = {.iterations = iterations, .right = result + RESULT_RIGHT(n), .left = result + RESULT_LEFT(n)};
+    memcpy(solution.z, z, sizeof solution.z);
     int failed = refinements ? 0 : pack(layout, &RK8, &c);
     if (!failed && (refinements || coarse.track.rk != &RK4)) failed = pack(layout, &RK4, &coarse);
-    if (!failed) failed = approach(&c, inverse_, goal, INFINITY, &found);
+    if (!failed) failed = approach(&c, inverse_, goal, INFINITY, &solution);
     if (failed == DIVERGED) {
-      memcpy(found.z, z, sizeof found.z);
-      failed = polish(&c, goal, &found);
+      memcpy(solution.z, z, sizeof solution.z);
+      failed = polish(&c, goal, &solution);
       near = NULL;
       far = 1;
     }
     if (failed) return failed;
-    if (found.iterations - iterations > FEW) far = 1;
-    memcpy(z, found.z, sizeof found.z);
-    iterations = found.iterations;
+    if (solution.iterations - iterations > FEW) far = 1;
+    memcpy(z, solution.z, sizeof solution.z);
+    iterations = solution.iterations;
     const double rounding = 1e-12 + 1e-15 * size3(layout->robot->position) / layout->length;
-    double error = -SAFETY * found.local - 2.0 * found.left_over - rounding;
+    double error = -SAFETY * solution.local - 2.0 * solution.left_over - rounding;
     Layout *finer = NULL;
     if (!(-error <= goal->error)) {
       finer = take(sizeof *finer);
       failed = finer ? halve(layout, finer) : NO_MEMORY;
       if (!failed) failed = pack(finer, &RK8, &halves);
-      if (!failed) failed = examine(&c, &halves, z, found.left, jacobian, &error);
+      if (!failed) failed = examine(&c, &halves, z, solution.left, jacobian, &error);
       if (failed) return failed;
     }
     if (error > goal->error) {
@@ -66,10 +66,10 @@ static int refine(const Case *first, double *z, double *inverse_, const Tangent 
     memcpy(jacobian, tangent.jacobian, sizeof tangent.jacobian);
     memcpy(out + START_CONDITIONS, tangent.residual, sizeof tangent.residual);
     const double head[] = {
-        [R_ITERATIONS] = iterations, [R_RESIDUAL] = found.residual, [R_ERROR] = error, [R_STEPS] = n,
+        [R_ITERATIONS] = iterations, [R_RESIDUAL] = solution.residual, [R_ERROR] = error, [R_STEPS] = n,
         [R_LENGTH] = layout->length, [R_REFINEMENTS] = refinements, [R_NEEDED] = needed, [R_COLD] = 0.0, [R_FAR] = far};
     memcpy(result, head, sizeof head);
-    memcpy(out, found.z, sizeof found.z);
+    memcpy(out, solution.z, sizeof solution.z);
     out[START_UNITS] = moment_scale(layout);
     out[START_UNITS + 1] = force_scale(layout);
     for (long k = 0; k < n; k++) {
@@ -151,19 +151,19 @@ EXPORT int inspect(const Robot *robot, const Loads *loads, const double *actuati
   return failed ? failed : examine(&c, &halves, z, left, out, out + NZ * NZ);
 }
 
-/* How many directions lower the potential energy, -1 where that is not told; see stability.h. For loads that have one. */
+/* How many directions lower the potential energy, -1 where that is undecided; see stability.h. For loads that have one. */
 EXPORT int stability(const Robot *robot, const Loads *loads, const double *actuation, const double *result, double *margin) {
   empty();
   const int refinements = (int)result[R_REFINEMENTS];
   const double *right = result + RESULT_RIGHT((int)result[R_STEPS]);
-  int found = NOT_TOLD;
-  for (int cuts = 0; cuts <= MOST_CUTS && found == NOT_TOLD; cuts++) { /* coarse steps may hide something */
+  int negative = UNDECIDED;
+  for (int cuts = 0; cuts <= MOST_CUTS && negative == UNDECIDED; cuts++) { /* coarse steps may hide something */
     Layout layout;
     Case c;
-    if (again(robot, loads, actuation, refinements + cuts, &layout) || pack(&layout, &RK8, &c)) return NOT_TOLD;
-    found = unstable_directions(&c, right, 1 << cuts, margin);
+    if (again(robot, loads, actuation, refinements + cuts, &layout) || pack(&layout, &RK8, &c)) return UNDECIDED;
+    negative = unstable_directions(&c, right, 1 << cuts, margin);
   }
-  return found;
+  return negative;
 }
 
 /* Many solves, the first from `first`, or from nothing if that is NULL, and the others like it or, if `chained`, each from
@@ -215,7 +215,7 @@ static int model(const Robot *robot, const Loads *loads, const double *actuation
   return evaluate(&layout, scaled, asked, &answer);
 }
 
-/* The same for many experiments with as many directions and probes each; `failed` says of each what a single call would
+/* `model` for many experiments with as many directions and probes each; `failed` says of each what a single call would
    return. Returns how many failed. */
 EXPORT int models(const Robot *robot, const Loads *const *loads, const double *actuations, const double *z, int count,
                   int refinements, const Asked *asked, const Answer *answers, int *failed) {

@@ -106,7 +106,7 @@ class Equations:
         return Routine(name, self._inputs, outputs)
 
     def _free(self, routine: Routine) -> Routine:
-        """The same where no load acts along the step."""
+        """A routine where no load acts along the step."""
         loads = [self.data[name] for name in self.data if name not in TUBES]
         zeros = [ca.SX.zeros(*load.shape) for load in loads]
         values = ca.substitute(list(routine.outputs.values()), loads, zeros)
@@ -172,7 +172,7 @@ class Equations:
         along = ca.SX.sym("along", width, State.size(self.tubes))
         column = ca.SX.sym("column", functions.shooting.columns.size)
         transfer, _, flexibility, doubtful, defect = functions.told(ca.horzcat(self.x, along[:count, :].T), column)
-        told = {"transfer": transfer, "flexibility": flexibility, "doubtful": doubtful, "defect": defect}
+        results = {"transfer": transfer, "flexibility": flexibility, "doubtful": doubtful, "defect": defect}
         n = functions.size
         w, t, f = ca.SX.sym("W", n, n), ca.SX.sym("T", 2 * n, 2 * n), ca.SX.sym("flexibility", n)
         shift, compliance = ca.SX.sym("shift"), ca.SX.sym("compliance", self.tubes)
@@ -182,7 +182,7 @@ class Equations:
         start = ca.vertcat(rows, ca.SX.zeros(width - count, rows.shape[1]))
         return [
             Routine("directions", {"x": self.x}, {"along": start}),
-            Routine("told", {"x": self.x, "along": along, "column": column}, told),
+            Routine("end_of_step", {"x": self.x, "along": along, "column": column}, results),
             Routine("eliminate", inputs, {"before": before, "negative": negative, "lost": lost}),
             Routine("entry", {"W": w, "compliance": compliance, "shift": shift}, {"negative": at_entry}),
         ]

@@ -80,9 +80,9 @@ static void *take(size_t bytes) {
     release_at_thread_end(arena);
   }
   char *begin = (char *)(((uintptr_t)(arena + 1) + 63) / 64 * 64);
-  void *found = begin + arena->used;
+  void *room = begin + arena->used;
   arena->used += bytes;
-  return found;
+  return room;
 }
 
 static void empty(void) {
@@ -154,16 +154,16 @@ static int nearest(const Layout *layout, double s) {
 }
 
 /* Where a load acts: on its tube, or refused. */
-static int place(const Layout *layout, double s, double index, Break *found) {
+static int place(const Layout *layout, double s, double index, Break *point) {
   if (!(index < TUBES)) return REFUSED; /* perhaps too large for an int */
   const int tube = (int)index;
   const double end = layout->ends[tube];
   if (isnan(s)) {
-    *found = (Break){end, tube};
+    *point = (Break){end, tube};
     return 0;
   }
   if (!(s >= 0.0 && s <= end + SAME_POINT * layout->length)) return REFUSED;
-  *found = (Break){fmin(s, end), FIXED};
+  *point = (Break){fmin(s, end), FIXED};
   return 0;
 }
 

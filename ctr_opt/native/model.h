@@ -82,8 +82,8 @@ static void support(const Lanes *lanes, const double *x, Answer *answer) {
 /* By how much more a probe moves along the robot than the break point that stands for it. */
 static double slides(const Layout *layout, const Lane *lane, int point) {
   const int rides = rider(point_load(layout, point)), mover = moves(layout, lane);
-  const int own = rides >= 0 && lane->kind == BY_TRANSLATION && lane->index == rides;
-  return (double)own - (mover >= 0 && layout->at[layout->of_point[point]].mover == mover);
+  const int slid = rides >= 0 && lane->kind == BY_TRANSLATION && lane->index == rides;
+  return (double)slid - (mover >= 0 && layout->at[layout->of_point[point]].mover == mover);
 }
 
 /* At a node of a step: the change of the state with arc length, and the nonzeros of its derivatives by parts. */
@@ -148,8 +148,8 @@ static void bend(const Lanes *lanes, int k, int step, int node, const double *x,
   equations_at(c, step, node, x, rate, by_parts, outer);
   attitude(x, frame, turn_rows);
   apply_turn(turn_rows, rate, u, 1);
-  const double own[3] = {along_x * u[0] + along_y * u[1], along_x * u[1] - along_y * u[0], rate[AT_ANGLES + tube]};
-  for (int r = 0; r < 3; r++) answer->curvatures[3 * (size_t)k + r] = own[r] * unit;
+  const double bent[3] = {along_x * u[0] + along_y * u[1], along_x * u[1] - along_y * u[0], rate[AT_ANGLES + tube]};
+  for (int r = 0; r < 3; r++) answer->curvatures[3 * (size_t)k + r] = bent[r] * unit;
   for (int b = 0; b < lanes->blocks; b++) {
     Change change;
     double moved[NX * BLOCK], part[5 * BLOCK], turned[NX * BLOCK], out[3 * BLOCK];
@@ -166,8 +166,8 @@ static void bend(const Lanes *lanes, int k, int step, int node, const double *x,
     const double *x_change = part + 3 * BLOCK, *y_change = part + 4 * BLOCK;
     const double *turn = moved + (AT_ANGLES + tube) * BLOCK, *twist = turned + (AT_ANGLES + tube) * BLOCK;
     for (int l = 0; l < BLOCK; l++) {
-      out[l] = (along_x * x_change[l] + along_y * y_change[l] + own[1] * turn[l]) * unit;
-      out[BLOCK + l] = (along_x * y_change[l] - along_y * x_change[l] - own[0] * turn[l]) * unit;
+      out[l] = (along_x * x_change[l] + along_y * y_change[l] + bent[1] * turn[l]) * unit;
+      out[BLOCK + l] = (along_x * y_change[l] - along_y * x_change[l] - bent[0] * turn[l]) * unit;
       out[2 * BLOCK + l] = twist[l] * unit;
     }
     scatter(lanes, b, 3, out, answer->curvature_rates + 3 * (size_t)lanes->columns * k);

@@ -57,7 +57,7 @@ typedef struct {
   double z[NZ], residual, local, left_over; /* sum of the local errors; what is left of the correction; as positions move */
   int iterations;
   double *right, *left;          /* states behind and before the loads at the nodes */
-} Found;
+} Solution;
 
 /* By how much a correction of the unknowns moves positions, roughly. */
 static double effect(const Case *c, const double *step) {
@@ -72,14 +72,14 @@ static double effect(const Case *c, const double *step) {
 
 /* Broyden's method from the inverse of a Jacobian nearby, one sweep an iteration. `size` is that of the first step allowed;
    nodes and errors, if asked for, are those of the last sweep. */
-static int approach(const Case *c, double *inverse_, const Goal *goal, double size, Found *found) {
+static int approach(const Case *c, double *inverse_, const Goal *goal, double size, Solution *solution) {
   double residual[NZ], next[NZ], step[NZ], change[NZ], moved[NZ], row[NZ];
   for (int iteration = 0; iteration < 12; iteration++) {
-    const int last = iteration > 0 && found->residual < NEARLY; /* probably */
-    found->local = 0.0;
-    shoot(c, found->z, next, found->right, found->left, last && found->right ? &found->local : NULL);
-    found->iterations++;
-    found->residual = largest(NZ, next);
+    const int last = iteration > 0 && solution->residual < NEARLY; /* probably */
+    solution->local = 0.0;
+    shoot(c, solution->z, next, solution->right, solution->left, last && solution->right ? &solution->local : NULL);
+    solution->iterations++;
+    solution->residual = largest(NZ, next);
     if (iteration > 0) {
       double scale = 0.0; /* the step taken is -step */
       for (int i = 0; i < NZ; i++) change[i] = next[i] - residual[i];
@@ -91,31 +91,31 @@ static int approach(const Case *c, double *inverse_, const Goal *goal, double si
           for (int j = 0; j < NZ; j++) inverse_[i * NZ + j] += (step[i] + moved[i]) * row[j] / scale;
     }
     multiply(NZ, NZ, 1, inverse_, next, step);
-    found->left_over = effect(c, step);
-    if (found->residual <= goal->residual && found->left_over <= SMALL_PART * goal->error) {
-      if (!last && found->right) shoot(c, found->z, next, found->right, found->left, &found->local);
+    solution->left_over = effect(c, step);
+    if (solution->residual <= goal->residual && solution->left_over <= SMALL_PART * goal->error) {
+      if (!last && solution->right) shoot(c, solution->z, next, solution->right, solution->left, &solution->local);
       return 0;
     }
     memcpy(residual, next, sizeof next);
     const double now = norm(NZ, step);
     if (!(now <= (iteration ? CONTRACTION : 1.0) * size)) return DIVERGED;
     size = now;
-    for (int i = 0; i < NZ; i++) found->z[i] -= step[i];
+    for (int i = 0; i < NZ; i++) solution->z[i] -= step[i];
   }
   return DIVERGED;
 }
 
 /* Newton's method with fresh Jacobians, until Broyden's method finishes. */
-static int polish(const Case *c, const Goal *goal, Found *found) {
+static int polish(const Case *c, const Goal *goal, Solution *solution) {
   double residual[NZ], jacobian[NZ * NZ], inverse_[NZ * NZ], before = INFINITY;
   for (int iteration = 0; iteration < 6; iteration++) {
-    linearize(c, found->z, residual, jacobian, NULL);
-    found->iterations++;
+    linearize(c, solution->z, residual, jacobian, NULL);
+    solution->iterations++;
     if (inverse(NZ, jacobian, inverse_) || norm(NZ * NZ, inverse_) > MOST_INVERSE) return SINGULAR;
-    const double size = correct(inverse_, residual, found->z);
+    const double size = correct(inverse_, residual, solution->z);
     if (!(size <= (iteration ? CONTRACTION : 1.0) * before)) return DIVERGED;
     before = size;
-    if (size < NEARBY) return approach(c, inverse_, goal, size, found);
+    if (size < NEARBY) return approach(c, inverse_, goal, size, solution);
   }
   return DIVERGED;
 }

@@ -6,6 +6,7 @@ typedef struct {
   double *columns, *shift; /* shift: derivatives of the precurvatures by arc length, where they vary */
   int *flags;
   double free_angles[TUBES], compliance[TUBES], force[3], start[POINT];
+  double by_length[TUBES], by_stiffness[TUBES][STIFFNESSES]; /* derivatives of the compliances, SI */
 } Case;
 
 static double moment_scale(const Layout *layout) { return layout->stiffness / layout->length; }
@@ -159,17 +160,16 @@ static int pack(Layout *layout, const Tableau *rk, Case *c) {
       }
   for (int i = 0; i < TUBES; i++) {
     const double behind_entry = -layout->translations[i];
-    double compliance, by_length, by_stiffness[STIFFNESSES];
     c->free_angles[i] = layout->rotations[i] + preset_twist(layout->robot, i, behind_entry);
-    transmission(&behind_entry, stiffness_of(layout->robot, i), &compliance, &by_length, by_stiffness);
-    c->compliance[i] = compliance * moment_scale(layout);
+    transmission(&behind_entry, stiffness_of(layout->robot, i), c->compliance + i, c->by_length + i, c->by_stiffness[i]);
+    c->compliance[i] *= moment_scale(layout);
     if (!(fabs(c->free_angles[i]) <= LARGEST_ANGLE)) return REFUSED;
   }
   weigh(c);
   return 0;
 }
 
-/* The same case with loads and precurvatures multiplied, into columns of its own. */
+/* A copy of a case with loads and precurvatures multiplied, in columns of its own. */
 static void scale_case(const Case *c, double factor, double *columns, Case *scaled) {
   const int size = column_size(c->track.rk);
   *scaled = *c;

@@ -161,7 +161,7 @@ class Predictions:
         self._alike = _TOLD[names[0]] if len(set(names)) == 1 and len(self._probe) == len(names) else None
 
     def moved(self, robot: Robot, actuations: Array, places: Array | None = None) -> Predictions:
-        """The same with another robot of equal pieces and actuations ``(e, 2 tubes)``, rotations and translations.
+        """A copy with another robot of equal pieces and actuations ``(e, 2 tubes)``, rotations and translations.
 
         Loads stay, so that tubes' weights must be as they were, and so do observables, unless there are ``places``.
         """

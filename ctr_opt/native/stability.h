@@ -1,10 +1,10 @@
 /* The number of directions in which the potential energy falls: see transcription/second_variation.py, which derives the
    steps taken here, backward from the tip. Negative: not defined, or the steps are too coarse to tell. */
 
-enum { NOT_TOLD = -1, MANY = 2 * (2 + TUBES), COUNTED = PADDED(MANY) };
+enum { UNDECIDED = -1, MANY = 2 * (2 + TUBES), COUNTED = PADDED(MANY) };
 
 #if LIVE
-static int unstable_directions(const Case *c, const double *right, int parts, double *margin) { return NOT_TOLD; }
+static int unstable_directions(const Case *c, const double *right, int parts, double *margin) { return UNDECIDED; }
 #else
 typedef struct {
   double transfer[MANY * MANY], flexibility[MANY / 2];
@@ -14,7 +14,7 @@ static int count(const Case *c, const Linear *linear, double shift) {
   double w[MANY * MANY / 4] = {0}, before[MANY * MANY / 4], negative, lost, total = 0.0;
   for (int k = c->track.steps - 1; k >= 0; k--) {
     eliminate(w, linear[k].transfer, linear[k].flexibility, &shift, before, &negative, &lost);
-    if (lost != 0.0) return NOT_TOLD;
+    if (lost != 0.0) return UNDECIDED;
     total += negative;
     memcpy(w, before, sizeof w);
   }
@@ -23,11 +23,11 @@ static int count(const Case *c, const Linear *linear, double shift) {
 }
 
 /* From the states `right` where steps began before each was cut into so many `parts`. The margin is that of an eigenvalue
-   told from zero, and negative where one is not: then the second variation is not positive, though it may have no negative
+   distinguished from zero, and negative where one is not: then the second variation is not positive, though it may have no negative
    direction. */
 static int unstable_directions(const Case *c, const double *right, int parts, double *margin) {
   Linear *linear = take(sizeof(Linear) * c->track.steps);
-  if (!linear) return NOT_TOLD;
+  if (!linear) return UNDECIDED;
   const int size = column_size(c->track.rk);
   double x[NX];
   *margin = MARGIN;
@@ -38,8 +38,8 @@ static int unstable_directions(const Case *c, const double *right, int parts, do
     directions(x, along);
     advance_along(&c->track, column, c->flags[k], x, along, COUNTED);
     if (c->flags[k] & LOADED) behind_along(point_data(c->track.rk, column), x, along, COUNTED);
-    told(x, along, column, linear[k].transfer, linear[k].flexibility, &doubtful, &defect);
-    if (doubtful != 0.0 || !(defect < 1.0)) return NOT_TOLD;
+    end_of_step(x, along, column, linear[k].transfer, linear[k].flexibility, &doubtful, &defect);
+    if (doubtful != 0.0 || !(defect < 1.0)) return UNDECIDED;
     *margin = fmax(*margin, defect);
   }
   const int negative = count(c, linear, *margin);
