@@ -355,7 +355,7 @@ class CompiledRecord:
     @property
     def _innermost_at_tip(self) -> int:
         """The innermost tube that ends at ``length``."""
-        return Ends.of_robot(self.robot, self.actuation.translations).innermost()
+        return Ends.tube_at_tip(self.robot, self.actuation.translations)
 
 
 def _turned(quaternion: list[float], angle: float) -> Array:

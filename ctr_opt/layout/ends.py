@@ -53,7 +53,15 @@ class Ends:
     @classmethod
     def of_robot(cls, robot: Robot, translations: Array) -> Ends:
         """Of a robot at these ``translations (tubes,)``, m."""
-        return cls.at([tube.length + shift for tube, shift in zip(robot.tubes, translations.tolist(), strict=True)])
+        return cls.at(_computed(robot, translations))
+
+    @classmethod
+    def tube_at_tip(cls, robot: Robot, translations: Array) -> int:
+        """The innermost tube that ends at the tip of a robot: ``of_robot(...).innermost()``, for control loops."""
+        ends = _computed(robot, translations)
+        last = max(ends)
+        alone = len([end for end in ends if last - end <= SAME_POINT * last]) == 1
+        return ends.index(last) if alone else cls.at(ends).innermost()
 
     @property
     def slack(self) -> float:
@@ -89,6 +97,10 @@ class Ends:
     def innermost_along(self, s: Array) -> NDArray[np.intp]:
         """The innermost tubes at arc lengths ``s (k,)``."""
         return innermost(self.array, s)
+
+
+def _computed(robot: Robot, translations: Array) -> list[float]:
+    return [tube.length + shift for tube, shift in zip(robot.tubes, translations.tolist(), strict=True)]
 
 
 def innermost(ends: Array, s: Any = np.inf) -> NDArray[np.intp]:
