@@ -15,9 +15,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import ctr_opt as ctr
-from ctr_opt.kinematics.limits import Allowed, joints_of
+from ctr_opt.kinematics.limits import Allowed
 from ctr_opt.kinematics.search import Point
 from ctr_opt.kinematics.targets import LENGTH, Target
+from ctr_opt.robot.actuation import joints_of
 
 PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
 ROBOTS = {"A": "three_tubes/robot_a.toml", "B": "three_tubes/robot_b.toml", "RJW-S1": "rjw_s1/robot.toml"}

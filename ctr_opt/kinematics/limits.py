@@ -12,7 +12,6 @@ import numpy as np
 from ..checks import ARRAY_EQ, Array, array, number
 from ..errors import DefinitionError
 from ..loads.kind import Load
-from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .least_distance import least_distance
 
@@ -204,14 +203,3 @@ def _of_gaps(robot: Robot, limits: JointLimits) -> Iterator[tuple[Array, float, 
         if limits.tip_gap is not None:
             most = inner.length - outer.length - limits.tip_gap
             yield -row, most, f"tip of tube {i} at least {limits.tip_gap:g} m in front of that of tube {i + 1}"
-
-
-def joints_of(actuation: Actuation) -> Array:
-    """Rotations (rad), then translations (m), in one vector."""
-    return np.concatenate((actuation.rotations, actuation.translations))
-
-
-def actuation_of(joints: Array) -> Actuation:
-    """The actuation of joints in one vector."""
-    tubes = len(joints) // 2
-    return Actuation(joints[:tubes], joints[tubes:])

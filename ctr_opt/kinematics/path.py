@@ -11,7 +11,7 @@ import numpy as np
 from ..checks import Array, array
 from ..errors import DefinitionError
 from ..forward.equilibrium import Equilibrium
-from .limits import joints_of
+from ..robot.actuation import joints_of
 from .result import InverseKinematicsPath, InverseKinematicsStatus
 from .search import Ending, Point, TipSearch
 from .starts import loaded

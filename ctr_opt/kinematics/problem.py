@@ -16,9 +16,9 @@ from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..forward.solver import as_loads
 from ..loads.kind import Load
-from ..robot.actuation import Actuation
+from ..robot.actuation import Actuation, actuation_of, joints_of
 from ..robot.robot import Robot
-from .limits import Allowed, JointLimits, actuation_of, joints_of
+from .limits import Allowed, JointLimits
 from .path import Follower, targets_of
 from .result import CRITERIA, InverseKinematicsPath, InverseKinematicsResult, best
 from .search import Point, TipSearch

@@ -18,8 +18,9 @@ from ..checks import Array
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..loads.kind import Load
+from ..robot.actuation import actuation_of, joints_of
 from .least_distance import bounded_step, least_distance
-from .limits import Allowed, actuation_of, joints_of
+from .limits import Allowed
 from .targets import LENGTH, Target
 
 _MOST_STEPS = 60

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ..checks import Array
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
-from .limits import Allowed, actuation_of
+from ..robot.actuation import actuation_of
+from .limits import Allowed
 from .search import Point, TipSearch
 from .targets import LENGTH, Target, rotation
 

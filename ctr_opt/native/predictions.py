@@ -20,7 +20,7 @@ from ..layout.ends import Ends
 from ..layout.observables import Distal, Observable, Observed, ObservedList, Somewhere, Stacked
 from ..loads.kind import Load
 from ..mechanics.kind import constant_kind
-from ..robot.actuation import Actuation
+from ..robot.actuation import Actuation, joints_of
 from ..robot.names import chosen, parameters, parsed
 from ..robot.robot import Robot
 from . import abi
@@ -39,7 +39,6 @@ _TOLD = {  # where the model tells quantities, and their derivatives
 Experiment: TypeAlias = tuple[Actuation, Sequence[Load]]
 _Probe: TypeAlias = tuple[float, int, int]
 """An arc length, not a number at the end, the tube that it is on, and that in whose frame something is observed."""
-_Place: TypeAlias = tuple[float | None, int, int]
 
 
 @attrs.frozen(eq=False)
@@ -129,7 +128,7 @@ class Predictions:
         self._rows = [_rows(robot, loads, own) for (_, loads), own in zip(experiments, probes, strict=True)]
         self._addresses = np.array([rows.address for rows in self._rows], dtype=np.uintp)
         self._loads = [tuple(loads) for _, loads in experiments]
-        self._actuations = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
+        self._actuations = np.array([joints_of(actuation) for actuation, _ in experiments])
         self._ask(self._directions(names, experiments), probes)
 
     def _check(self, names: Sequence[str], experiment: Experiment) -> None:

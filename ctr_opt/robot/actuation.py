@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import attrs
+import numpy as np
 
 from ..checks import ARRAY_EQ, Array, array
 from ..errors import DefinitionError
@@ -55,3 +56,14 @@ class Actuation:
                     f"translations[{k}] = {translation:g} m puts the base of tube {k} in front of the entry point: "
                     "it must be at most 0"
                 )
+
+
+def joints_of(actuation: Actuation) -> Array:
+    """Rotations (rad), then translations (m), in one vector."""
+    return np.concatenate((actuation.rotations, actuation.translations))
+
+
+def actuation_of(joints: Array) -> Actuation:
+    """The actuation of joints in one vector."""
+    tubes = len(joints) // 2
+    return Actuation(joints[:tubes], joints[tubes:])

@@ -9,11 +9,12 @@ from scipy.spatial.transform import Rotation
 import ctr_opt as ctr
 from benchmarks.inverse_kinematics import Bench, Record, by_scipy, table
 from ctr_opt.kinematics.least_distance import bounded_step, least_distance
-from ctr_opt.kinematics.limits import Allowed, joints_of
+from ctr_opt.kinematics.limits import Allowed
 from ctr_opt.kinematics.search import Point
 from ctr_opt.kinematics.targets import LENGTH, Target, _turn_between, rotation
 from ctr_opt.native import library as libraries
 from ctr_opt.native.compiler import SWITCH
+from ctr_opt.robot.actuation import joints_of
 from tests.support.physics import robot as made
 from tests.support.physics import tube
 

@@ -15,7 +15,7 @@ from ...loads.kind import Load
 from ...native import compile as compilation
 from ...native.calls import LoadRows
 from ...native.predictions import Predictions, arc_length, supported, told
-from ...robot.actuation import Actuation
+from ...robot.actuation import Actuation, actuation_of, joints_of
 from ...robot.names import euler_rates, parsed
 from ...robot.robot import Robot
 
@@ -72,7 +72,7 @@ class CompiledModel:
         ``angles`` are those of the base, by which the robot is turned already; ``s (E, k)``: arc lengths of the points
         that are somewhere.
         """
-        joints = np.array([np.concatenate((a.rotations, a.translations)) for a, _ in experiments])
+        joints = np.array([joints_of(actuation) for actuation, _ in experiments])
         values = self._model(self.acting, robot, experiments, joints, s).at(z)
         if values.failed.any():  # derivatives have sides: choose one; values are those of the joints as they are
             parted = _parted(robot, joints, np.flatnonzero(values.failed))
@@ -106,7 +106,7 @@ class CompiledModel:
         ends = joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes]
         places, key = self._places(ends, s), (tuple(names), innermost(ends).tobytes())
         if key not in self._kept or not self._fixed:
-            own = [(Actuation(*np.split(at, 2)), loads) for at, (_, loads) in zip(joints, experiments, strict=True)]
+            own = [(actuation_of(at), loads) for at, (_, loads) in zip(joints, experiments, strict=True)]
             self._kept[key] = places, Predictions(robot, names, own, self.observables, places)
         before, model = self._kept[key]
         return model.moved(robot, joints, None if np.array_equal(places, before, equal_nan=True) else places)

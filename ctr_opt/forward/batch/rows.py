@@ -9,7 +9,7 @@ import numpy as np
 from ...checks import Array, array
 from ...errors import DefinitionError
 from ...loads.kind import Load
-from ...robot.actuation import Actuation
+from ...robot.actuation import Actuation, joints_of
 
 
 def rows_of_actuations(actuations: Any, tubes: int) -> tuple[Array, list[Actuation] | None]:
@@ -31,7 +31,7 @@ def rows_of_actuations(actuations: Any, tubes: int) -> tuple[Array, list[Actuati
     for k, actuation in enumerate(given):
         if not isinstance(actuation, Actuation) or len(actuation.rotations) != tubes:
             raise DefinitionError(f"actuations[{k}] = {actuation!r} must be an Actuation of {tubes} tubes")
-    rows = np.array([np.concatenate((a.rotations, a.translations)) for a in given]).reshape(len(given), 2 * tubes)
+    rows = np.array([joints_of(actuation) for actuation in given]).reshape(len(given), 2 * tubes)
     return rows, given
 
 

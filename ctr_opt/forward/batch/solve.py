@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 
 from ...loads.kind import Load
-from ...robot.actuation import Actuation
+from ...robot.actuation import Actuation, actuation_of
 from ...solvers.homotopy import Homotopy, family_of, regular_between
 from ...solvers.ipopt import Ipopt
 from ..equilibrium import Equilibrium
@@ -28,8 +28,7 @@ def solve_rows(
     chained: bool,
 ) -> Batch:
     """The rows' results; see :meth:`ForwardProblem.solve_many <ctr_opt.ForwardProblem.solve_many>`."""
-    tubes = len(solver.robot.tubes)
-    rows, objects = rows_of_actuations(actuations, tubes)
+    rows, objects = rows_of_actuations(actuations, len(solver.robot.tubes))
     rows_loads = rows_of_loads(loads, len(rows))
     if initial is not None:
         started(initial, solver.robot)
@@ -44,7 +43,7 @@ def solve_rows(
             if record is not None:
                 result = Equilibrium(record)
             else:
-                actuation = Actuation(rows[k, :tubes], rows[k, tubes:]) if objects is None else objects[k]
+                actuation = actuation_of(rows[k]) if objects is None else objects[k]
                 result, left = _solve_row(solver, actuation, rows_loads[k], before)
                 snapped[k] = left and chained
             results.append(result)
