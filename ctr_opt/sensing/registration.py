@@ -158,10 +158,11 @@ def register(
     spreads, relative = spreads_of(sigma, covariances, len(measured))
     if weights is not None:
         spreads = spreads / array(weights, "weights", (len(measured),), above=0.0)[:, None, None]
+    inverses = np.asarray(np.linalg.inv(spreads), dtype=np.float64)
     rotation, translation = _kabsch(measured, reference, 3.0 / np.trace(spreads, axis1=1, axis2=2))
     if covariances is not None:
-        rotation, translation = _refined(measured, reference, spreads, rotation, translation)
-    vectors, turned, normal, _ = _linearized(measured, reference, spreads, rotation, translation)
+        rotation, translation = _refined(measured, reference, inverses, rotation, translation)
+    vectors, turned, normal, _ = _linearized(measured, reference, inverses, rotation, translation)
     covariance, deviation = symmetric(np.linalg.inv(normal)), None
     if relative:
         degrees = 3 * len(measured) - 6
@@ -201,31 +202,31 @@ def _kabsch(measured: Array, reference: Array, weights: Array) -> tuple[Array, A
 
 
 def _linearized(
-    measured: Array, reference: Array, spreads: Array, rotation: Array, translation: Array
+    measured: Array, reference: Array, inverses: Array, rotation: Array, translation: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Errors ``(k, 3)``, their inverse covariances, the normal matrix ``(6, 6)`` and the gradient by ``(dt, w)``.
 
-    Seen in the measured frame, errors have the constant covariances ``spreads``; their derivative, turned back, is
-    ``J = [1, -hat(arm)]`` with arms from ``t``.
+    Seen in the measured frame, errors have constant covariances, whose inverses are ``inverses``; their derivative,
+    turned back, is ``J = [1, -hat(arm)]`` with arms from ``t``.
     """
     errors, arms = measured @ rotation.T + translation - reference, reference - translation
-    turned = rotation @ np.linalg.inv(spreads) @ rotation.T
-    levers = np.cross(np.eye(3), arms[:, None])  # -hat(arm), transposed
-    transposed = np.concatenate((np.broadcast_to(np.eye(3), levers.shape), levers), axis=1)
-    weighted = transposed @ turned
-    normal = (weighted @ np.swapaxes(transposed, 1, 2)).sum(axis=0)
-    return errors, turned, normal, np.einsum("kij,kj->i", weighted, errors)
+    turned = rotation @ inverses @ rotation.T
+    (x, y, z), zero = arms.T, np.zeros(len(arms))
+    minus_hat = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
+    jacobian = np.concatenate((np.broadcast_to(np.eye(3), minus_hat.shape), minus_hat), axis=2)
+    weighted = np.swapaxes(jacobian, 1, 2) @ turned
+    return errors, turned, (weighted @ jacobian).sum(axis=0), np.einsum("kij,kj->i", weighted, errors)
 
 
 def _refined(
-    measured: Array, reference: Array, spreads: Array, rotation: Array, translation: Array
+    measured: Array, reference: Array, inverses: Array, rotation: Array, translation: Array
 ) -> tuple[Array, Array]:
     """Gauss-Newton steps from a motion."""
     from scipy.spatial.transform import Rotation
 
     size = np.linalg.norm(reference - reference.mean(axis=0), axis=1).max()
     for _ in range(_STEPS):
-        _, _, normal, gradient = _linearized(measured, reference, spreads, rotation, translation)
+        _, _, normal, gradient = _linearized(measured, reference, inverses, rotation, translation)
         step = -np.linalg.solve(normal, gradient)
         translation = translation + step[:3]
         rotation = Rotation.from_rotvec(step[3:]).as_matrix() @ rotation
