@@ -93,7 +93,10 @@ class CompiledProblem:
         configuration = initial.configuration
         scales = configuration.scales
         unknowns = initial.base.unknowns(scales, configuration.kind.live)
-        block = np.concatenate((unknowns, jacobian.ravel(), np.zeros_like(unknowns), [scales.moment, scales.force]))
+        parts = self.sizes.start
+        block = np.zeros(parts["units"].stop)
+        block[parts["unknowns"]], block[parts["jacobian"]] = unknowns, jacobian.ravel()
+        block[parts["units"]] = scales.moment, scales.force
         self._mine.block = block  # kept until the solve is over
         return int(block.ctypes.data)
 
