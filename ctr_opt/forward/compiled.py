@@ -355,7 +355,7 @@ class CompiledRecord:
         pose[:3, 3] = self.tip_position
         return pose
 
-    @property
+    @cached_property
     def _innermost_at_tip(self) -> int:
         """The innermost tube that ends at ``length``."""
         return Ends.tube_at_tip(self.robot, self.actuation.translations)

@@ -109,6 +109,11 @@ def innermost(ends: Array, s: Any = np.inf) -> NDArray[np.intp]:
     return np.asarray(np.argmax(ends >= (np.minimum(s, length) - SAME_POINT * length)[..., None], axis=-1))
 
 
+def outermost_at_tip(ends: Array) -> NDArray[np.intp]:
+    """The outermost tubes that end at the tip, last in an order, where tubes end at ``ends (..., tubes)``."""
+    return np.asarray(ends.shape[-1] - 1 - innermost(ends[..., ::-1]))
+
+
 def innermost_at_tip(ends: Sequence[Any], length: Any) -> Any:
     """Weights ``(tubes,)`` of expressions: one for the innermost tube that ends at the tip, else zero."""
     taken, weights = ca.SX(0), []
