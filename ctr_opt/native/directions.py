@@ -12,7 +12,7 @@ from ..checks import Array
 from ..errors import DefinitionError
 from ..loads.kind import Load, lowered
 from ..mechanics.law import Stiffness
-from ..robot.names import parsed
+from ..robot.names import SOURCES, parsed
 from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature
 from ..robot.robot import Robot
 from ..robot.tube import STIFFNESSES, Tube
@@ -21,7 +21,6 @@ from .abi import By
 _Row: TypeAlias = tuple[By, int, int]
 _Parts: TypeAlias = Mapping[_Row, float]  # what a number takes of directions
 _STEP = 1e-30j  # so small that real parts stay as they are
-_SOURCES = ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter")
 
 
 @attrs.frozen(eq=False)
@@ -132,7 +131,7 @@ def _stiffness_rates(tube: Tube, field: str, loads: Sequence[Load]) -> dict[str,
     if field in Stiffness.names():
         return {field: 1.0}
     heavy = tube.density > 0.0 and any(load.pulls for load in loads)
-    if field not in _SOURCES or (heavy and field.endswith("diameter")) or getattr(tube, field) is None:
+    if field not in SOURCES or (heavy and field.endswith("diameter")) or getattr(tube, field) is None:
         return None
 
     def number(name: str) -> Any:

@@ -42,7 +42,8 @@ _SOURCES = {
     "bending_stiffness": ("youngs_modulus", "outer_diameter", "inner_diameter"),
     "torsional_stiffness": ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter"),
 }
-
+SOURCES = frozenset(field for fields in _SOURCES.values() for field in fields)
+"""The moduli, ratios and diameters that stiffnesses follow from."""
 
 _STEP = r"[^\W\d]\w*(?:\[\d+(?:, \d+)*\])?"
 _NAME = re.compile(rf"{_STEP}(?:\.{_STEP})*")

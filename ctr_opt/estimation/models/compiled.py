@@ -16,10 +16,10 @@ from ...native import compile as compilation
 from ...native.calls import LoadRows
 from ...native.predictions import Predictions, arc_length, supported, told
 from ...robot.actuation import Actuation, actuation_of, joints_of
-from ...robot.names import euler_rates, parsed
+from ...robot.names import SOURCES, euler_rates, field_of, parsed
 from ...robot.robot import Robot
 
-_SOURCES = ("modulus", "poisson_ratio", "diameter", "density")  # derivatives by these change with the robot
+_CHANGING = {*SOURCES, "density"}  # derivatives by these change with the robot
 _APART = 10.0 * SAME_POINT  # of the longest tube
 
 
@@ -57,7 +57,7 @@ class CompiledModel:
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
         self._turned = starts.get("base.rotation")
         self._kept: dict[tuple[tuple[str, ...], bytes], tuple[Array, Predictions]] = {}
-        self._fixed = not any(parsed(name)[0] == "loads" or name.endswith(_SOURCES) for name in sizes)
+        self._fixed = not any(parsed(name)[0] == "loads" or field_of(name) in _CHANGING for name in sizes)
 
     def evaluate(
         self,
