@@ -21,7 +21,7 @@ from ..layout.observables import Distal, Observable
 from ..layout.ordering import Key, Order, Side
 from ..mechanics.fields import material_frame
 from ..mechanics.law import transmission_energy
-from ..mechanics.so3 import rotation_matrix
+from ..mechanics.so3 import rotation_matrix, turn_back
 from ..mechanics.state import State
 from .integrals import integral_functions
 from .parametric_problem import Discretized, ParametricProblem, Swept
@@ -63,9 +63,9 @@ class _Point:
     @property
     def fibre(self) -> Any:
         """``u_x, u_y`` in the tube's frame, and its own ``u_z``."""
-        bent, c, s = self.local[0], ca.cos(self.angle), ca.sin(self.angle)
-        turned = ca.vertcat(c * bent[0] + s * bent[1], c * bent[1] - s * bent[0], self.local[1][self.tube])
-        return turned / self.scales.length
+        bent = self.local[0]
+        turned = turn_back(self.angle, bent[0], bent[1])
+        return ca.vertcat(*turned, self.local[1][self.tube]) / self.scales.length
 
 
 _AT_PLACES: dict[str, Callable[[_Point], Any]] = {
