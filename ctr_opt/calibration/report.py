@@ -10,6 +10,7 @@ from ..checks import Array
 from ..estimation.losses import SMOOTHING
 from ..estimation.measurements import Measurement
 from ..estimation.measurements.kind import POINTS, Part
+from ..forward.report import row
 from ..layout.observables import Distal, Observable, Somewhere
 from ..robot.names import shown, symbol
 from .fit import REJECTED
@@ -34,20 +35,20 @@ def _heading(fit: Fit) -> list[str]:
     places = sum(layout.places for layout in estimation.layouts)
     lines = [
         f"Fit of {len(fit.labels)} numbers to {len(estimation.experiments)} experiments ({numbers} numbers measured)",
-        _row("method", f"{fit.method}, {fit.iterations} iterations"),
-        _row("loss", _loss(fit)),
-        _row("condition", f"{fit.condition:.2g} (information matrix, in the parameters' scales)"),
+        row("method", f"{fit.method}, {fit.iterations} iterations"),
+        row("loss", _loss(fit)),
+        row("condition", f"{fit.condition:.2g} (information matrix, in the parameters' scales)"),
     ]
     if places:
         lines.append(
-            _row("arc lengths", f"{places} of points somewhere on the backbone, estimated beside the parameters")
+            row("arc lengths", f"{places} of points somewhere on the backbone, estimated beside the parameters")
         )
     if estimation.scaled:
         lines.append(
-            _row("chi-square", f"{fit.chi_squared:.1f} at {fit.degrees_of_freedom} degrees of freedom{_verdict(fit)}")
+            row("chi-square", f"{fit.chi_squared:.1f} at {fit.degrees_of_freedom} degrees of freedom{_verdict(fit)}")
         )
     else:
-        lines.append(_row("noise level", f"{fit.noise:.3g} mm (mrad, 1/m, ...), from the residuals"))
+        lines.append(row("noise level", f"{fit.noise:.3g} mm (mrad, 1/m, ...), from the residuals"))
     return lines
 
 
@@ -120,7 +121,7 @@ def residual_lines(fit: Fit) -> list[str]:
         for name, sizes in sizes_by_place(fit, part).items():
             mean, middle, most = factor * np.array((sizes.mean(), np.median(sizes), sizes.max()))
             text = f"mean {mean:.3f}, median {middle:.3f}, largest {most:.3f} {unit}"
-            lines.append(_row(name, f"{text} ({len(sizes)} {part.name})"))
+            lines.append(row(name, f"{text} ({len(sizes)} {part.name})"))
     names = [fit.estimation.experiments[k].name or str(k) for k in fit.outliers]
     if names:
         lines += ["", "  Experiments that do not fit the others (look at them; none was left out):"]
@@ -172,7 +173,7 @@ def by_place(fit: Fit, part: Part) -> dict[str, list[Residual]]:
 
 
 def _where(one: Observable, few: bool) -> str:
-    """Where something is observed, in words; ``few``: arc lengths are told one by one."""
+    """Where something is observed, in words; ``few``: arc lengths are listed one by one."""
     place = one.place
     if one.quantity.at != "place":
         return "" if one.tube is None else f"tube {one.tube}"
@@ -183,7 +184,3 @@ def _where(one: Observable, few: bool) -> str:
     if isinstance(place, Somewhere):
         return "somewhere along it"
     return f"at s = {1e3 * place:.1f} mm" if few else "along the backbone"
-
-
-def _row(name: str, value: str) -> str:
-    return f"  {name:<21} {value}"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..forward.report import row
 from ..robot.names import unit_of
 
 if TYPE_CHECKING:
@@ -19,11 +20,11 @@ _ROWS = 7  # places along a distributed force that are told
 def force_report(estimate: ForceEstimate) -> str:
     """Loads with their errors, what is not known, consistency, other solutions, what would be mistaken for a force."""
     numbers = estimate.case.experiment.numbers
-    lines = [f"Loads from {numbers} numbers measured", _row("residuals", _consistency(estimate))]
+    lines = [f"Loads from {numbers} numbers measured", row("residuals", _consistency(estimate))]
     stable = {True: "stable", False: "UNSTABLE: no robot stays so", None: "stability not defined under these loads"}
     shape = estimate.shape
     tip = ", ".join(f"{1e3 * x:.3f}" for x in shape.tip_position)
-    lines.append(_row("shape", f"{stable[estimate.is_stable]}, tip at ({tip}) mm"))
+    lines.append(row("shape", f"{stable[estimate.is_stable]}, tip at ({tip}) mm"))
     lines += _numbers(estimate)
     for number in estimate.distributed:
         lines += _densities(estimate, number)
@@ -39,10 +40,6 @@ def force_report(estimate: ForceEstimate) -> str:
     lines += ["", "  Errors of the model look like forces until they are noticed (with 95 %):"]
     lines += [f"    {each}" for each in _mistaken(estimate)]
     return "\n".join(lines)
-
-
-def _row(name: str, value: str) -> str:
-    return f"  {name:<22}{value}"
 
 
 def _numbers(estimate: ForceEstimate) -> list[str]:
@@ -104,10 +101,10 @@ def _magnitudes(estimate: ForceEstimate) -> list[str]:
         unit = force / size if size else np.zeros(3)
         name = "total" if k in estimate.distributed else "magnitude"
         name += f" of {k}" if len(forces) > 1 else ""
-        lines += ["", _row(name, f"{size:.4g} +- {np.sqrt(unit @ covariance @ unit):.2g} N")]
+        lines += ["", row(name, f"{size:.4g} +- {np.sqrt(unit @ covariance @ unit):.2g} N")]
         for axis in (each for each in axes if each.standard_deviation):
             told = ", ".join(f"{x:+.2f}" for x in axis.direction)
-            lines.append(_row("", f"sd {axis.standard_deviation:.2g} N along ({told})"))
+            lines.append(row("", f"sd {axis.standard_deviation:.2g} N along ({told})"))
     return lines
 
 
@@ -120,7 +117,7 @@ def _places(estimate: ForceEstimate) -> list[str]:
     lines = [""]
     for k, intervals in enumerate(every):
         told = " or ".join(f"{1e3 * a:.1f} to {1e3 * b:.1f} mm" for a, b in intervals)
-        lines.append(_row("place, 95 %" if len(every) == 1 else f"place {k}, 95 %", told))
-    for row in estimate.evidence:
-        lines.append(_row(f"{row.contacts} contacts", f"loss {row.loss:.2f}, criterion (BIC) {row.criterion:.1f}"))
+        lines.append(row("place, 95 %" if len(every) == 1 else f"place {k}, 95 %", told))
+    for each in estimate.evidence:
+        lines.append(row(f"{each.contacts} contacts", f"loss {each.loss:.2f}, criterion (BIC) {each.criterion:.1f}"))
     return lines

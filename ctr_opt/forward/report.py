@@ -40,20 +40,20 @@ def _heading(equilibrium: Equilibrium) -> list[str]:
     tubes, loads = len(equilibrium.robot.tubes), len(equilibrium.loads)
     return [
         f"Equilibrium of {_count(tubes, 'tube')} under {_count(loads, 'load')}",
-        _row("status", equilibrium.status.description),
-        *(_row(f"loads[{k}]", str(load)) for k, load in enumerate(equilibrium.loads)),
-        _row("path", equilibrium.path),
-        _row("iterations", str(equilibrium.iterations)),
-        _row("time", f"set-up {1e3 * equilibrium.setup_time:.1f} ms, solve {1e3 * equilibrium.solve_time:.1f} ms"),
+        row("status", equilibrium.status.description),
+        *(row(f"loads[{k}]", str(load)) for k, load in enumerate(equilibrium.loads)),
+        row("path", equilibrium.path),
+        row("iterations", str(equilibrium.iterations)),
+        row("time", f"set-up {1e3 * equilibrium.setup_time:.1f} ms, solve {1e3 * equilibrium.solve_time:.1f} ms"),
     ]
 
 
 def _quality(equilibrium: Equilibrium) -> list[str]:
     error, length = equilibrium.discretization_error, equilibrium.length
     return [
-        _row("residual", f"{equilibrium.residual_norm:.1e} (moments over max(EI)/length)"),
-        _row("discretization error", f"{error:.1e} m, estimated ({error / length:.1e} of the length)"),
-        _row("stable", _stability(equilibrium)),
+        row("residual", f"{equilibrium.residual_norm:.1e} (moments over max(EI)/length)"),
+        row("discretization error", f"{error:.1e} m, estimated ({error / length:.1e} of the length)"),
+        row("stable", _stability(equilibrium)),
     ]
 
 
@@ -70,11 +70,11 @@ def _shape(equilibrium: Equilibrium) -> list[str]:
     pose = equilibrium.tip_pose
     return [
         "",
-        _row("length", f"{1e3 * equilibrium.length:.3f} mm"),
-        _row("tip position", f"{_vector(1e3 * pose[:3, 3], '.6f')} mm"),
-        _row("tip direction", _vector(pose[:3, 2], ".6f")),
-        _row("base force", f"{_vector(equilibrium.internal_force(0.0), '.6f')} N"),
-        _row("base moment", f"{_vector(1e3 * equilibrium.internal_moment(0.0), '.6f')} N mm"),
+        row("length", f"{1e3 * equilibrium.length:.3f} mm"),
+        row("tip position", f"{_vector(1e3 * pose[:3, 3], '.6f')} mm"),
+        row("tip direction", _vector(pose[:3, 2], ".6f")),
+        row("base force", f"{_vector(equilibrium.internal_force(0.0), '.6f')} N"),
+        row("base moment", f"{_vector(1e3 * equilibrium.internal_moment(0.0), '.6f')} N mm"),
     ]
 
 
@@ -93,20 +93,21 @@ def _tubes(equilibrium: Equilibrium) -> list[str]:
 def _energies(equilibrium: Equilibrium) -> list[str]:
     lines = [
         "",
-        _row("elastic energy", f"{1e3 * equilibrium.energy:.6f} mJ"),
-        _row(
+        row("elastic energy", f"{1e3 * equilibrium.energy:.6f} mJ"),
+        row(
             "work of the loads",
             f"{1e3 * equilibrium.load_work:.6f} mJ (those with a potential; forces from the world's origin on)",
         ),
-        _row("potential energy", f"{1e3 * equilibrium.potential_energy:.6f} mJ"),
+        row("potential energy", f"{1e3 * equilibrium.potential_energy:.6f} mJ"),
     ]
     if equilibrium.configuration.without_potential:
         lines.append("  Some loads have no potential: neither work nor potential energy accounts for them.")
     return lines
 
 
-def _row(name: str, value: str) -> str:
-    return f"  {name:<22}{value}"
+def row(name: str, value: str) -> str:
+    """A line of a report: what is said, and of what."""
+    return f"  {name:<21} {value}"
 
 
 def _count(number: int, noun: str) -> str:
