@@ -18,7 +18,7 @@ class Attempt:
     Attributes
     ----------
     way
-        Its name, which also tells from where: ``"homotopy"`` from the straight robot, ``"newton from initial"``.
+        Its name, which also says where it starts: ``"homotopy"`` from the straight robot, ``"newton from initial"``.
     iterations
         Newton or IPOPT iterations, those on finer meshes included.
     reached, folds

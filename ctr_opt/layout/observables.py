@@ -1,6 +1,6 @@
 """What can be observed of a robot, and where: one value for derivatives, measurements and compiled predictions.
 
-A quantity is added as an entry of ``QUANTITIES``; ``transcription/observed.py`` says what it is in symbols, and
+A quantity is added as an entry of ``QUANTITIES``; ``transcription/observing.py`` says what it is in symbols, and
 ``native/predictions.py`` where compiled code tells it.
 """
 

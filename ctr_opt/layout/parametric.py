@@ -1,4 +1,4 @@
-"""A robot under loads with parameters for numbers: what ``sections.Configuration`` says, symbolically.
+"""A robot under loads with parameters for numbers: what ``Configuration`` says, symbolically.
 
 Stiffnesses, preset curvatures, break points and loads are expressions of the parameters that are asked for and plain
 numbers elsewhere; which section they belong to is told by an ``Order``.

@@ -135,7 +135,7 @@ class Measurement(ABC):
     Attributes
     ----------
     unit
-        SI: the standard deviation where none is given, so that residuals are told in mm, mrad and so on.
+        SI: the standard deviation where none is given, so that residuals are reported in mm, mrad and so on.
     one_unit
         Whether all numbers of a block have one unit.
     columns
