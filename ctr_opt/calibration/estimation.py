@@ -29,7 +29,7 @@ from ..estimation.sensors import names_of, sensed
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..layout.configuration import Configuration
-from ..layout.ends import Ends, outermost_at_tip
+from ..layout.ends import Ends, chained, outermost_at_tip
 from ..layout.observables import Observable, ObservedList
 from ..robot.names import parsed
 from ..robot.robot import Robot
@@ -378,7 +378,7 @@ class Estimation:
         """The robot's length in each experiment of a group, and its slopes by the unknowns that act on it."""
         moved = x[group.own] - self.unknowns.initial[group.own]
         ends = group.ends + np.einsum("etj,ej->et", group.ends_x, moved)
-        every, longest = np.arange(len(ends)), outermost_at_tip(ends)  # as symbols are sorted
+        every, longest = np.arange(len(ends)), outermost_at_tip(chained(ends))  # as symbols are sorted
         return ends[every, longest], group.ends_x[every, longest]
 
     def _evaluate(self, group: Group, x: Array, z: Array, s: Array) -> tuple[Array, ObservedList, Array]:

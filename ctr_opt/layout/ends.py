@@ -1,14 +1,15 @@
 """Where tubes end, and which tube is at an arc length.
 
-Lengths and translations are decimal numbers, so that ends that are meant to be one point differ by rounding: points
-closer than ``SAME_POINT`` of the robot's length are one point. Ends are snapped together here, once, and everything
-that asks which tube is at an arc length asks here. A tube that ends at a point is still there.
+Lengths and translations are decimal numbers, so that ends that are meant to be one point differ by rounding. One rule
+says which of them are one point, for numbers, arrays, symbols and compiled code: in their order, an end within
+``SAME_POINT`` of the robot's length of the one before it is the same point. So a chain is one point, its largest end.
+Other break points are then at a tube's end if they are that close to it. A tube that ends at a point is still there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import cached_property, reduce
 from math import inf
 from typing import Any
 
@@ -41,7 +42,10 @@ class Ends:
 
     @classmethod
     def at(cls, ends: Sequence[float]) -> Ends:
-        """From ends as they were computed: chains of close ones become their largest, those at the entry zero."""
+        """From ends as they were computed: those of a chain become its largest, those at the entry zero.
+
+        It is :func:`chained` of one robot, by sorting, which is faster.
+        """
         slack = SAME_POINT * max(ends)
         snapped, last, before = {}, 0.0, inf
         for end in sorted(ends, reverse=True):
@@ -103,21 +107,43 @@ def _computed(robot: Robot, translations: Array) -> list[float]:
     return [tube.length + shift for tube, shift in zip(robot.tubes, translations.tolist(), strict=True)]
 
 
+# -- of many robots, and of symbols ------------------------------------------------------------------------------------
+
+
+def chained(ends: Array) -> Array:
+    """Tubes' ends ``(..., tubes)`` with those that are one point made equal."""
+    slack = SAME_POINT * ends.max(axis=-1)
+    return np.stack(_chained(list(np.moveaxis(ends, -1, 0)), slack, np.maximum, np.where), axis=-1)
+
+
+def chained_symbols(ends: Sequence[Any], slack: float) -> list[Any]:
+    """Expressions of the ends of tubes with those that are one point made equal; for comparisons."""
+    return _chained([ca.SX(end) for end in ends], slack, ca.fmax, ca.if_else)
+
+
+def _chained(ends: Sequence[Any], slack: Any, larger: Callable[..., Any], choose: Callable[..., Any]) -> list[Any]:
+    """From each end to the largest that is close to it, and on; a chain has no more links than other ends."""
+    last = list(ends)
+    for _ in ends[1:]:
+        last = [reduce(larger, [choose(end - s <= slack, end, s) for end in ends]) for s in last]
+    return last
+
+
 def innermost(ends: Array, s: Any = np.inf) -> NDArray[np.intp]:
-    """The innermost tubes at ``s (...)``, or at the tip if that is nearer, where tubes end at ``ends (..., tubes)``."""
+    """The innermost tubes at ``s (...)``, or if nearer at the tip, of :func:`chained` ``ends (..., tubes)``."""
     length = ends.max(axis=-1)
     return np.asarray(np.argmax(ends >= (np.minimum(s, length) - SAME_POINT * length)[..., None], axis=-1))
 
 
 def outermost_at_tip(ends: Array) -> NDArray[np.intp]:
-    """The outermost tubes that end at the tip, last in an order, where tubes end at ``ends (..., tubes)``."""
+    """The outermost tubes that end at the tip, last in an order, with :func:`chained` ``ends (..., tubes)``."""
     return np.asarray(ends.shape[-1] - 1 - innermost(ends[..., ::-1]))
 
 
-def innermost_at_tip(ends: Sequence[Any], length: Any) -> Any:
-    """Weights ``(tubes,)`` of expressions: one for the innermost tube that ends at the tip, else zero."""
-    taken, weights = ca.SX(0), []
+def first_at_tip(ends: Sequence[Any]) -> list[Any]:
+    """Weights ``(tubes,)`` of :func:`chained_symbols`: one for the first of them that is the largest, else zero."""
+    length, taken, weights = reduce(ca.fmax, ends), ca.SX(0), []
     for end in ends:
-        weights.append(ca.logic_and(1 - taken, end >= length - SAME_POINT * length))
+        weights.append(ca.logic_and(1 - taken, end == length))
         taken = ca.logic_or(taken, weights[-1])
-    return ca.vertcat(*weights)
+    return weights

@@ -93,18 +93,20 @@ def given_order(points: Mapping[Key, Any], keys: list[Key]) -> Order:
     return Order(places, ranks, {key: points[key] if rank < 0 else 0.0 for key, rank in ranks.items()})
 
 
-def sorted_order(points: Mapping[Key, Any], behind: Collection[Key], slack: float) -> Order:
+def sorted_order(points: Mapping[Key, Any], behind: Collection[Key], ends: Mapping[Key, Any], slack: float) -> Order:
     """The order of the points by the values of their expressions, which are equal within a ``slack``.
 
-    Those of ``behind`` never come in front of the entry point. Of equal ones the tubes' own come last, the innermost's
-    first, so that no section lies behind the robot's end, and compiled code has the same order.
+    The tubes' ``ends`` are compared by these values, made equal where they are one point. Those of ``behind`` never
+    come in front of the entry point. Of equal ones the tubes' own come last, the innermost's first, so that no section
+    lies behind the robot's end, and compiled code has the same order.
     """
     keys = [key for key in points if key != ENTRY and key not in behind]
     keys = [ENTRY, *sorted(keys, key=lambda key: key[0] == "tube")]
-    where = {key: ca.if_else(points[key] > slack, points[key], 0) for key in keys[1:]} | {ENTRY: ca.SX(0)}
-    least = {
-        b: reduce(ca.fmin, [ca.if_else(where[a] < s - slack, s, where[a]) for a in keys]) for b, s in where.items()
-    }
+    where, near = (
+        {key: ca.if_else(of[key] > slack, of[key], 0) for key in keys[1:]} | {ENTRY: ca.SX(0)}
+        for of in (points, {**points, **ends})
+    )
+    least = {b: reduce(ca.fmin, [ca.if_else(near[a] < s - slack, s, near[a]) for a in keys]) for b, s in near.items()}
     ranks: dict[Key, Any] = dict.fromkeys(behind, -1) | {ENTRY: 0}
     for j, b in enumerate(keys[1:], 1):
         earlier = [least[a] <= least[b] for a in keys[:j]]

@@ -19,7 +19,7 @@ from ..robot.piecewise import gauss
 from ..robot.precurvature import PolynomialCurvature, SampledCurvature, along_arc_length
 from ..robot.tube import STIFFNESSES
 from .configuration import Configuration
-from .ends import innermost_at_tip
+from .ends import chained_symbols, first_at_tip
 from .ordering import ENTRY, Key, Order
 from .parametric_loads import ParametricLoads
 
@@ -119,16 +119,22 @@ class Parametric:
         """Where the tubes end."""
         return [self.points[self.tube_end(i)] for i in range(self.tubes)]
 
+    @cached_property
+    def chained_ends(self) -> dict[Key, Any]:
+        """The tubes' ends, those that are one point made equal, to compare with."""
+        ends = chained_symbols(self.tube_ends, self.configuration.ends.slack)
+        return {self.tube_end(i): end for i, end in enumerate(ends)}
+
     @property
     def length(self) -> Any:
-        """The largest tube end, of those that are the same point the outermost tube's, which comes last in an order."""
-        slack = self.configuration.ends.slack
-        return reduce(lambda length, end: ca.if_else(end < length - slack, length, end), self.tube_ends)
+        """The end of the outermost tube that ends at the tip, which comes last in an order."""
+        weights = first_at_tip([*self.chained_ends.values()][::-1])[::-1]
+        return sum(weight * end for weight, end in zip(weights, self.tube_ends, strict=True))
 
     @property
     def tube_at_tip(self) -> Any:
         """Weights ``(tubes,)``: one for the innermost tube that ends at the tip."""
-        return innermost_at_tip(self.tube_ends, self.length)
+        return ca.vertcat(*first_at_tip([*self.chained_ends.values()]))
 
     @property
     def margin(self) -> Any:

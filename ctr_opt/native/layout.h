@@ -339,6 +339,18 @@ static int halve(const Layout *layout, Layout *halves) {
   return 0;
 }
 
+/* Tubes' ends that are one point made equal, by the rule of layout/ends.py: the largest of a chain. */
+static void chain(double slack, double *ends) {
+  double given[TUBES];
+  memcpy(given, ends, sizeof given);
+  for (int i = 0; i < TUBES; i++)
+    for (int j = 0; j < TUBES; j++)
+      if (given[j] > ends[i] && given[j] - ends[i] <= slack) {
+        ends[i] = given[j];
+        j = -1;
+      }
+}
+
 static int lay_out(const Robot *robot, const Loads *loads, const double *actuation, Layout *layout) {
   *layout = (Layout){.robot = robot, .loads = loads, .rotations = actuation, .translations = actuation + TUBES};
   for (int i = 0; i < TUBES; i++) {
@@ -348,6 +360,7 @@ static int lay_out(const Robot *robot, const Loads *loads, const double *actuati
     layout->length = fmax(layout->length, end);
     layout->stiffness = fmax(layout->stiffness, stiffness_of(robot, i)[BENDING_STIFFNESS]);
   }
+  chain(SAME_POINT * layout->length, layout->ends);
   const int refused = sort_breaks(layout);
   return refused ? refused : cut_steps(layout);
 }

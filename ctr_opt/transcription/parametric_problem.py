@@ -124,8 +124,8 @@ class ParametricProblem:
 
     def sorted(self) -> Order:
         """The order by the values of the parameters, as part of the function."""
-        points = self.parametric.points
-        return sorted_order(points, [key for key in points if self._behind(key)], self.configuration.ends.slack)
+        of, slack = self.parametric, self.configuration.ends.slack
+        return sorted_order(of.points, [key for key in of.points if self._behind(key)], of.chained_ends, slack)
 
     def innermost(self, s: float | None, column: int, sign: float) -> int:
         """The innermost tube at a fixed arc length, or at the tip, when a parameter grows or shrinks a little.

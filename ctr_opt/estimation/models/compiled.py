@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...checks import Array
 from ...errors import EstimationError
-from ...layout.ends import SAME_POINT, innermost
+from ...layout.ends import SAME_POINT, chained, innermost
 from ...layout.observables import Observable, ObservedList, Somewhere
 from ...loads.kind import Load
 from ...native import compile as compilation
@@ -103,7 +103,7 @@ class CompiledModel:
 
         They are built again only where loads, or what follows from the robot's numbers, have changed.
         """
-        ends = joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes]
+        ends = chained(joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes])
         places, key = self._places(ends, s), (tuple(names), innermost(ends).tobytes())
         if key not in self._kept or not self._fixed:
             own = [(actuation_of(at), loads) for at, (_, loads) in zip(joints, experiments, strict=True)]
