@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from ..checks import Array
 from ..errors import EstimationError
+from ..estimation.chi_square import p_value, quantile, tail
+from ..estimation.linearized import Linearized
+from ..estimation.places import free
 from ..layout.ends import Ends
 from ..layout.observables import Somewhere, arc_length_of
 from ..robot.actuation import Actuation
 from ..robot.names import symbol
 from ..robot.robot import Robot
-from .estimation import Estimation, Linearized
+from .estimation import Estimation
 from .homes import Homes
 from .reduced import Found
 from .uncertainty import (
@@ -268,9 +271,9 @@ class Fit:
             ends = Ends.of_robot(robot, unknowns.experiment_at(x, k)[0].translations)
             start, places = 0, iter(each.places * ends.length)
             for j, measured in enumerate(experiment.measurements):
-                count, size = measured.shape
+                (count, size), whitener = measured.shape, measured.whitener_for(self._estimation.loss)
                 for i, one in enumerate(measured.observables[:count]):
-                    value = np.linalg.solve(self._estimation.whitener(measured)[i], each.misfit[start : start + size])
+                    value = np.linalg.solve(whitener[i], each.misfit[start : start + size])
                     place = one.place
                     s = float(next(places)) if isinstance(place, Somewhere) else arc_length_of(place, ends)
                     found.append(Residual(k, j, i, s, value))
@@ -302,7 +305,7 @@ class Fit:
         layouts = self._estimation.layouts
         return np.array(
             [
-                len(each.misfit) - layout.along(each).any(axis=0).sum()
+                len(each.misfit) - free(each.places, layout.blocks.orders).any(axis=0).sum()
                 for layout, each in zip(layouts, self._linearized, strict=True)
             ]
         )
@@ -316,11 +319,7 @@ class Fit:
     @property
     def p_value(self) -> float:
         """Probability of residuals so large under the given noise level; NaN if none was given."""
-        from scipy.stats import chi2
-
-        if not self._estimation.scaled or not self.degrees_of_freedom:
-            return np.nan
-        return float(chi2.sf(self.chi_squared, self.degrees_of_freedom))
+        return p_value(self.chi_squared, self.degrees_of_freedom) if self._estimation.scaled else np.nan
 
     @property
     def noise_accepted(self) -> bool:
@@ -351,12 +350,10 @@ class Fit:
         The sum of squares of an experiment against chi-square, with a noise level from the median experiment, but none
         below what the solves' accuracy leaves; flagged so seldom that good data have one in a hundred fits.
         """
-        from scipy.stats import chi2
-
         squares = np.array([each.misfit @ each.misfit for each in self._linearized])
         sizes = np.maximum(self._numbers, 1)
-        level = np.maximum(np.median(squares / chi2.median(sizes)), self._inaccuracies**2)
-        probabilities = chi2.sf(squares / level, sizes)
+        level = np.maximum(np.median(squares / quantile(0.5, sizes)), self._inaccuracies**2)
+        probabilities = tail(squares / level, sizes)
         return [int(k) for k in np.flatnonzero(probabilities < _OUTLIER / len(sizes))]
 
     def profile(self, label: str, *, count: int = 9, width: float = 3.0) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..estimation.chi_square import quantile
 from ..estimation.measurements.kind import POINTS
 from ..robot.names import symbol
 from .report import is_point, sizes_by_place
@@ -77,8 +78,6 @@ def plot_correlation(fit: Fit, ax: Axes | None = None) -> Axes:
 
 def plot_ellipse(fit: Fit, ax: Axes | None = None, *, pair: tuple[str, str] | None = None) -> Axes:
     """95 % confidence ellipse of two numbers; by default of the pair that is correlated most."""
-    from scipy.stats import chi2
-
     ax = _axes(ax)
     found = _pair(fit) if pair is None else tuple(fit.labels.index(label) for label in pair)
     if found is None:
@@ -90,7 +89,7 @@ def plot_ellipse(fit: Fit, ax: Axes | None = None, *, pair: tuple[str, str] | No
     values = fit.estimates[[i, j]]
     block = fit.covariance[np.ix_([i, j], [i, j])]
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
-    circle = np.linalg.cholesky(block) @ np.vstack((np.cos(angle), np.sin(angle))) * np.sqrt(chi2.ppf(_INSIDE, 2))
+    circle = np.linalg.cholesky(block) @ np.vstack((np.cos(angle), np.sin(angle))) * np.sqrt(quantile(_INSIDE, 2))
     ax.plot(fi * (values[0] + circle[0]), fj * (values[1] + circle[1]), label="95 % confidence")
     ax.plot(fi * values[0], fj * values[1], "+", color="black", label="estimate")
     ax.locator_params(axis="x", nbins=5)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..checks import Array
 from ..errors import DefinitionError, SolveError
+from ..estimation.blocks import Blocks
 from ..estimation.places import across
 from ..forward.equilibrium import Equilibrium
 from .estimation import Estimation, Progress
@@ -33,22 +34,16 @@ class Found:
     iterations: int
 
 
-def stretched(misfit: Array, slopes: Array, starts: Any, losses: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-    """Residuals whose half square is the loss, and their slopes."""
-    value, jacobian = misfit.copy(), slopes.copy()
-    rho, first, _ = losses
-    for (start, size, _), cost, slope in zip(starts, rho, first, strict=True):
-        part = slice(start, start + size)
-        r = misfit[part]
-        s = float(r @ r)
-        if s < 1e-24:
-            factor, change = np.sqrt(2.0 * slope), 0.0
-        else:
-            factor = np.sqrt(2.0 * cost / s)
-            change = (slope / s - cost / s**2) / factor  # of the factor by s
-        value[part] = factor * r
-        jacobian[part] = factor * slopes[part] + 2.0 * change * np.outer(r, r @ slopes[part])
-    return value, jacobian
+def stretched(misfit: Array, slopes: Array, blocks: Blocks) -> tuple[Array, Array]:
+    """Residuals whose half square is the loss, and their slopes: block by block ``f r``, where ``f^2 = 2 rho / s``."""
+    rho, first, _ = blocks.losses(misfit)
+    squared = np.add.reduceat(misfit**2, blocks.starts)
+    some = np.where(squared < 1e-24, 1.0, squared)
+    factor = np.sqrt(np.where(squared < 1e-24, 2.0 * first, 2.0 * rho / some))
+    change = np.where(squared < 1e-24, 0.0, (first / some - rho / some**2) / factor)  # of the factor by s
+    along = np.add.reduceat(misfit[:, None] * slopes, blocks.starts)
+    factor, bent = (np.repeat(part, blocks.sizes, axis=0) for part in (factor, 2.0 * change[:, None] * along))
+    return factor * misfit, factor[:, None] * slopes + misfit[:, None] * bent
 
 
 class _Reduced:
@@ -92,12 +87,11 @@ class _Reduced:
             return np.full(count, _FAILED), np.zeros((count, len(scaled)))
         parts, slopes = [], []
         self.states = estimation.settled(x, _with_moments(self.states, self.equilibria))
-        for k, each in enumerate(estimation.linearize(x, self.states)):
-            layout, misfit, count = estimation.layouts[k], each.settled(), len(each.own)
-            both = np.hstack((each.reduced(), layout.along(each)))
-            value, jacobian = stretched(misfit, both, layout.blocks, estimation.block_losses(k, misfit))
-            rows = np.zeros((len(value), len(x)))
-            rows[:, each.own] = across(jacobian[:, :count], jacobian[:, count:])
+        for layout, here in zip(estimation.layouts, estimation.linearize(x, self.states), strict=True):
+            along = layout.blocks.along(here.misfit_s, here.places)
+            value, jacobian = stretched(here.settled, np.hstack((here.reduced, along)), layout.blocks)
+            rows, count = np.zeros((len(value), len(x))), len(layout.acting)
+            rows[:, layout.acting] = across(jacobian[:, :count], jacobian[:, count:])
             parts.append(value)
             slopes.append(rows)
         mean, sigma = unknowns.prior
@@ -142,6 +136,6 @@ def solve_reduced(
     except SolveError as error:
         return Found(found, problem.states, False, f"no equilibrium in {error}", count)
     states = estimation.settled(found, _with_moments(problem.states, final))
-    for state, each in zip(states, estimation.linearize(found, states), strict=True):
-        state[: len(each.residual)] += each.step()
+    for state, here in zip(states, estimation.linearize(found, states), strict=True):
+        state[: len(here.step)] += here.step
     return Found(found, states, bool(result.status > 0), str(result.message), count)

@@ -32,7 +32,7 @@ def fit_report(fit: Fit) -> str:
 def _heading(fit: Fit) -> list[str]:
     estimation = fit.estimation
     numbers = sum(each.numbers for each in estimation.experiments)
-    places = sum(layout.places for layout in estimation.layouts)
+    places = sum(layout.blocks.places for layout in estimation.layouts)
     lines = [
         f"Fit of {len(fit.labels)} numbers to {len(estimation.experiments)} experiments ({numbers} numbers measured)",
         row("method", f"{fit.method}, {fit.iterations} iterations"),

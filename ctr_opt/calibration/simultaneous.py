@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
-from ..estimation.places import eliminated
 from ..forward.equilibrium import Equilibrium
 from ..solvers.programs import Evaluated, solve_program
 from .estimation import Estimation, Progress
@@ -67,7 +66,7 @@ class _Program:
     def _jacobian(self) -> Structure:
         rows, columns = [], []
         for group, places in zip(self.estimation.models, self._places, strict=True):
-            both = np.hstack((group.own, places))
+            both = np.hstack((group.acting, places))
             shape = (*places.shape, both.shape[1])
             rows.append(np.broadcast_to(places[:, :, None] - self.parameters, shape).ravel())
             columns.append(np.broadcast_to(both[:, None, :], shape).ravel())
@@ -77,7 +76,7 @@ class _Program:
     def _hessian(self) -> Structure:
         rows, columns = [np.arange(self.parameters)], [np.arange(self.parameters)]
         for group, places in zip(self.estimation.models, self._places, strict=True):
-            both = np.hstack((group.own, places))
+            both = np.hstack((group.acting, places))
             upper = np.triu_indices(both.shape[1])
             rows.append(both[:, upper[0]].ravel())
             columns.append(both[:, upper[1]].ravel())
@@ -110,17 +109,16 @@ class _Program:
             linearized = estimation.linearize_groups(x, self.states)
         except (DefinitionError, EstimationError):  # no such robot
             return None
-        for group, places, each in zip(estimation.models, self._places, linearized, strict=True):
-            own = scale[each.own][:, None, :]
-            constraints[places - self.parameters] = each.residual / group.unit
-            both = np.concatenate((each.residual_x * own, each.residual_z * group.unit), axis=2)
+        for group, places, here in zip(estimation.models, self._places, linearized, strict=True):
+            by_x, blocks = scale[group.acting][:, None, :], estimation.layouts[group.members[0]].blocks
+            constraints[places - self.parameters] = here.residual / group.unit
+            both = np.concatenate((here.residual_x * by_x, here.residual_z * group.unit), axis=2)
             slopes.append((both / group.unit[:, None]).ravel())
-            layout = estimation.layouts[group.members[0]]
-            rows = np.concatenate((each.misfit_x * own, each.misfit_z * group.unit, layout.along(each)), axis=2)
-            losses, pulls, curvature = estimation.expanded(layout, each.misfit, rows, positive=True)
-            curvature, pulls = eliminated(curvature, pulls, layout.places)
+            rows = np.concatenate((here.misfit_x * by_x, here.misfit_z * group.unit), axis=2)
+            along = blocks.along(here.misfit_s, here.places)
+            losses, pulls, curvature = blocks.expanded(here.misfit, rows, along, positive=True)
             objective += float(losses.sum())
-            np.add.at(gradient, np.hstack((each.own, places)), pulls.sum(axis=1))
+            np.add.at(gradient, np.hstack((group.acting, places)), pulls.sum(axis=1))
             upper = np.triu_indices(both.shape[2])
             curvatures.append(curvature[:, upper[0], upper[1]].ravel())
         if not (np.isfinite(objective) and np.isfinite(constraints).all()):

@@ -12,9 +12,10 @@ import attrs
 import numpy as np
 
 from ..checks import Array
-from ..estimation.places import across, eliminated
+from ..estimation.linearized import Linearized
+from ..estimation.places import across
 from ..robot.names import symbol
-from .estimation import Estimation, Linearized
+from .estimation import Estimation
 
 VAGUE = 1.0  # scaled standard deviation from which a number counts as known vaguely: to no better than its size
 _UNKNOWN = 3.0
@@ -70,19 +71,16 @@ def information(estimation: Estimation, linearized: Sequence[Linearized]) -> Inf
     size = len(scale)
     matrix, curvature, scatter = (np.zeros((size, size)) for _ in range(3))
     every, gradients = [], []
-    for k, each in enumerate(linearized):
-        slopes = np.zeros((len(each.misfit), size))
-        slopes[:, each.own] = each.reduced() * scale[each.own]
-        layout = estimation.layouts[k]
-        along = layout.along(each)
-        both = np.hstack((slopes, along))
-        _, pulls, own_curvature = estimation.expanded(layout, each.misfit, both, positive=False)
-        own_curvature, pulls = eliminated(own_curvature, pulls, layout.places)
+    for layout, here in zip(estimation.layouts, linearized, strict=True):
+        slopes = np.zeros((len(here.misfit), size))
+        slopes[:, layout.acting] = here.reduced * scale[layout.acting]
+        along = layout.blocks.along(here.misfit_s, here.places)
+        _, pulls, bent = layout.blocks.expanded(here.misfit, slopes, along, positive=False)
         slopes = across(slopes, along)
         matrix += slopes.T @ slopes
-        curvature += own_curvature
+        curvature += bent
         scatter += pulls.T @ pulls
-        every.append(own_curvature)
+        every.append(bent)
         gradients.append(pulls.sum(axis=0))
     prior = np.diag((scale / estimation.unknowns.prior[1]) ** 2)
     return Information(matrix, curvature, scatter, prior, every, gradients)

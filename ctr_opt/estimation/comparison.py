@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,13 +12,10 @@ from .measurements import Measurement
 
 
 class Comparison:
-    """The measurements of experiments that were all measured in the same way: ``(experiments, measurements)``.
+    """The measurements of experiments that were all measured in the same way: ``(experiments, measurements)``."""
 
-    ``whitener``: of a measurement.
-    """
-
-    def __init__(self, measurements: Sequence[Sequence[Measurement]], whitener: Callable[[Measurement], Array]) -> None:
-        self._columns = [_Column(list(column), whitener) for column in zip(*measurements, strict=True)]
+    def __init__(self, measurements: Sequence[Sequence[Measurement]], loss: str) -> None:
+        self._columns = [_Column(list(column), loss) for column in zip(*measurements, strict=True)]
 
     def compare(self, predictions: ObservedList) -> tuple[Array, Array]:
         """Whitened misfits ``(experiments, numbers)`` and their derivatives, from predictions of all experiments."""
@@ -54,12 +51,12 @@ class Comparison:
 class _Column:
     """The same measurement in all experiments."""
 
-    def __init__(self, measurements: list[Measurement], whitener: Callable[[Measurement], Array]) -> None:
+    def __init__(self, measurements: list[Measurement], loss: str) -> None:
         self.measurements = measurements
         self.observables = len(measurements[0].observables)
         self.numbers = int(np.prod(measurements[0].shape))
         self.somewhere = isinstance(measurements[0].observables[0].place, Somewhere)
-        self._whitener = np.array([whitener(one) for one in measurements])
+        self._whitener = np.array([one.whitener_for(loss) for one in measurements])
 
     def compare(self, predictions: ObservedList) -> tuple[Array, Array]:
         values, rates = self.measurements[0].compare(self.measurements, predictions)

@@ -9,39 +9,31 @@ import attrs
 import numpy as np
 
 from ..checks import Array
+from .chi_square import quantile, tail
 
 LOSSES = ("squared", "distance", "huber", "cauchy")
 SMOOTHING = 1e-2  # standard deviations: the distance is sqrt(r^2 + SMOOTHING^2) - SMOOTHING, as it has a corner at zero
 _HUBER, _CAUCHY = 1.345, 2.385  # 95 % efficient for normal errors of one dimension
 
 
-def _quantile(probability: Any, freedom: int) -> float:
-    """Of chi-square."""
-    from scipy.special import gammaincinv
-
-    return float(2.0 * gammaincinv(0.5 * freedom, probability))
-
-
-@attrs.frozen(slots=False)
+@attrs.frozen(eq=False, slots=False)
 class Loss:
-    """One of ``LOSSES``, for blocks of so many numbers.
+    """One of ``LOSSES``, for blocks of so many numbers: one ``size`` for all, or that of each.
 
     ``rho(s)`` of the squared norm s: squared ``s / 2``; distance ``sqrt(s + d^2) - d``; Huber and Cauchy with the
     thresholds that leave as many blocks of good data untouched as they do in one dimension.
     """
 
     name: str
-    size: int
+    size: Any
 
     @cached_property
-    def threshold(self) -> float:
+    def threshold(self) -> Any:
         """Norm of the residual beyond which a block counts less, standard deviations; infinite for squared."""
-        from scipy.special import gammainc
-
         if self.name == "huber":
-            return float(np.sqrt(_quantile(gammainc(0.5, 0.5 * _HUBER**2), self.size)))
+            return np.sqrt(quantile(1.0 - tail(_HUBER**2, 1), self.size))
         if self.name == "cauchy":
-            return float(_CAUCHY * np.sqrt(_quantile(0.5, self.size) / _quantile(0.5, 1)))
+            return _CAUCHY * np.sqrt(quantile(0.5, self.size) / quantile(0.5, 1))
         return SMOOTHING if self.name == "distance" else np.inf
 
     def evaluate(self, squared: Any) -> tuple[Array, Array, Array]:

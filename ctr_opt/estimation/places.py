@@ -7,7 +7,7 @@ but for points that are kept in their order.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from ..checks import Array
 from ..forward.equilibrium import Equilibrium
 from .experiment import Experiment
+from .losses import Loss
 from .measurements import BackboneMeasurement, Measurement
 
 Orders: TypeAlias = tuple[tuple[int, int, bool], ...]
@@ -23,34 +24,27 @@ Orders: TypeAlias = tuple[tuple[int, int, bool], ...]
 _NODES, _PARTS = 49, 8  # points of a shape, straight lines between them, and parts of each: where places are sought
 
 
-def orders(experiment: Experiment) -> Orders:
-    """Those of an experiment."""
-    found, start = [], 0
-    for each in experiment.measurements:
-        if isinstance(each, BackboneMeasurement):
-            found.append((start, start := start + len(each.position), each.ordered))
-    return tuple(found)
+def orders(measurements: Sequence[Measurement]) -> Orders:
+    """Those of an experiment's measurements."""
+    points = [one for one in measurements if isinstance(one, BackboneMeasurement)]
+    ends = np.cumsum([len(one.position) for one in points]).tolist()
+    return tuple((end - len(one.position), end, one.ordered) for one, end in zip(points, ends, strict=True))
 
 
-def nearest(
-    experiment: Experiment,
-    shape: Equilibrium,
-    whitener: Callable[[Measurement], Array],
-    loss: Callable[[Array], Array],
-) -> Array:
+def nearest(experiment: Experiment, shape: Equilibrium, loss: str) -> Array:
     """The places of a grid along a shape where the losses of the squared whitened distances are least, together."""
-    measured = [each for each in experiment.measurements if isinstance(each, BackboneMeasurement)]
+    measured = [one for one in experiment.measurements if isinstance(one, BackboneMeasurement)]
     if not measured:
         return np.zeros(0)
     nodes, fractions = np.linspace(0.0, 1.0, _NODES), np.linspace(0.0, 1.0, (_NODES - 1) * _PARTS + 1)
     points = shape.position(nodes * shape.length)
     along = np.stack([np.interp(fractions, nodes, axis) for axis in points.T], axis=1)
-    found = []
-    for each in measured:
-        gaps = along - each.position[:, None]
-        costs = loss((np.einsum("kij,kgj->kgi", whitener(each), gaps) ** 2).sum(axis=2))
-        found.append(fractions[_in_order(costs) if each.ordered else costs.argmin(axis=1)])
-    return np.concatenate(found)
+    places = []
+    for one in measured:
+        gaps, whitener = along - one.position[:, None], one.whitener_for(loss)
+        costs = Loss(loss, 3).evaluate((np.einsum("kij,kgj->kgi", whitener, gaps) ** 2).sum(axis=2))[0]
+        places.append(fractions[_in_order(costs) if one.ordered else costs.argmin(axis=1)])
+    return np.concatenate(places)
 
 
 def _in_order(costs: Array) -> list[int]:
@@ -74,12 +68,17 @@ def moved(places: Array, slopes: Array, curvatures: Array, those: Orders) -> Arr
     """
     from scipy.optimize import isotonic_regression
 
-    found = places - slopes / curvatures
+    there = places - slopes / curvatures
     for start, end, ordered in those:
-        for where in np.ndindex(found.shape[:-1] if ordered else 0):
-            own = found[where][start:end]
-            own[:] = isotonic_regression(own, weights=curvatures[where][start:end]).x
-    return np.asarray(np.clip(found, 0.0, 1.0))
+        for where in np.ndindex(there.shape[:-1] if ordered else 0):
+            part = there[where][start:end]
+            part[:] = isotonic_regression(part, weights=curvatures[where][start:end]).x
+    return np.asarray(np.clip(there, 0.0, 1.0))
+
+
+def pulls(misfit: Array, along: Array, weights: Array) -> tuple[Array, Array]:
+    """Slopes ``(..., k)`` and curvatures of a loss by places, from those of misfits ``along`` them and its weights."""
+    return np.einsum("...n,...nk->...k", weights * misfit, along), np.einsum("...n,...nk->...k", weights, along**2)
 
 
 def free(places: Array, those: Orders) -> Array:
@@ -102,16 +101,16 @@ def across(slopes: Array, along: Array) -> Array:
     return np.asarray(slopes - along @ _over(along.T @ slopes, (along**2).sum(axis=0)))
 
 
-def eliminated(hessian: Array, gradients: Array, count: int) -> tuple[Array, Array]:
-    """Hessian ``(..., j, j)`` and gradients ``(..., blocks, j)`` of all unknowns but the last, which follow at best.
+def eliminated(
+    hessian: Array, gradients: Array, cross: Array, curvatures: Array, by_place: Array
+) -> tuple[Array, Array]:
+    """Hessian ``(..., j, j)`` and gradients ``(..., blocks, j)`` of unknowns that places follow at their best.
 
-    Those are ``count`` places, none of which acts on another.
+    Schur complement of the places, none of which acts on another: second derivatives by both, ``cross (..., k, j)``,
+    ``curvatures (..., k)`` by places, and gradients ``by_place (..., blocks, k)``.
     """
-    kept = hessian.shape[-1] - count
-    own = np.diagonal(hessian, axis1=-2, axis2=-1)[..., kept:]
-    follow = _over(hessian[..., kept:, :kept], own)
-    inner, outer = (hessian[..., :kept, part] for part in (slice(kept), slice(kept, None)))
-    return inner - outer @ follow, gradients[..., :kept] - gradients[..., kept:] @ follow
+    follow = _over(cross, curvatures)
+    return hessian - np.swapaxes(cross, -1, -2) @ follow, gradients - by_place @ follow
 
 
 def _over(rows: Array, curvatures: Array) -> Array:

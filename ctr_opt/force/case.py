@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from ..calibration.fit import Fit
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
+from ..estimation.blocks import Blocks
+from ..estimation.chi_square import p_value
 from ..estimation.comparison import Comparison
 from ..estimation.experiment import Experiment
-from ..estimation.losses import Loss
 from ..estimation.measurements import Measurement
-from ..estimation.places import nearest, orders
+from ..estimation.places import nearest
 from ..forward.equilibrium import Equilibrium
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
@@ -29,7 +30,7 @@ from ..robot.names import Parameter, euler_rates, loads_with, parameters, parsed
 from ..robot.robot import Robot
 from .distributed import DistributedForce
 from .model import LoadedModel, loaded_model
-from .search import Search, Seen, Sought, State, blocks
+from .search import Search, Sought, State
 from .spread import Spread, between, within_cone
 from .unknown import PointForce, UnknownLoad
 
@@ -243,11 +244,8 @@ class Case:
         )
         unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
         sought, forces = _sought(robot, numbered, ends, errors)
-        starts, sizes = blocks([each.shape for each in experiment.measurements])
-        losses = {size: Loss(loss, size) for size in set(sizes.tolist())}
-        comparison = Comparison([experiment.measurements], _whitener(loss))
-        seen = Seen(comparison, starts, sizes, losses, orders(experiment))
-        search = Search(model, experiment.actuation, unit, ends.length, sought, seen)
+        measured = Comparison([experiment.measurements], loss), Blocks.of(experiment.measurements, loss)
+        search = Search(model, experiment.actuation, unit, ends.length, sought, *measured)
         rough = numbered.roughness()
         return cls(robot, experiment, observables, numbered, errors, loss, compiled, ends, search, forces, rough)
 
@@ -279,8 +277,8 @@ class Case:
         if ends.points != self.ends.points:
             scale, lower, upper = extent(self.robot, self.numbered, ends)
             sought = attrs.evolve(sought, scale=scale, lower=lower, upper=upper)
-        seen = attrs.evolve(search.seen, comparison=Comparison([experiment.measurements], _whitener(self.loss)))
-        search = Search(search.model, experiment.actuation, search.unit, ends.length, sought, seen)
+        measured = Comparison([experiment.measurements], self.loss), search.blocks
+        search = Search(search.model, experiment.actuation, search.unit, ends.length, sought, *measured)
         return attrs.evolve(self, experiment=experiment, ends=ends, search=search)
 
     @property
@@ -297,17 +295,18 @@ class Case:
 
     def resting(self, shape: Equilibrium) -> State:
         """The robot without the unknown loads, its points at the places next to them."""
-        places = nearest(self.experiment, shape, self.whitener, self.loss_of_points)
-        found = self.search.at(shape.unknowns, self.start, places, np.zeros(self.search.errors))
+        found = self.search.at(shape.unknowns, self.start, self.places(shape), np.zeros(self.search.errors))
         if found is None:
             raise EstimationError("without the unknown loads the robot's shape cannot be compared with measurements")
         return found
 
+    def places(self, shape: Equilibrium) -> Array:
+        """Where points somewhere on the backbone are likely, by a shape."""
+        return nearest(self.experiment, shape, self.loss)
+
     def likely(self, state: State) -> bool:
         """Whether model and noise explain the residuals: else another place may, that the search has missed."""
-        from scipy.stats import chi2
-
-        return 2.0 * state.cost < float(chi2.isf(_UNLIKELY, len(state.misfit)))
+        return p_value(2.0 * state.cost, len(state.misfit)) > _UNLIKELY
 
     def ways(self, state: State) -> Array:
         """Directions in which the numbers may move, an orthonormal basis in their scales, as columns ``(k, n)``.
@@ -364,18 +363,6 @@ class Case:
         if found is None:
             raise EstimationError("the model cannot be evaluated at the estimate")
         return found.slopes
-
-    def whitener(self, measurement: Measurement) -> Array:
-        """By what a measurement's residuals are multiplied."""
-        return np.asarray(_whitener(self.loss)(measurement))
-
-    def loss_of_points(self, squared: Array) -> Array:
-        """Of the squared whitened distances of points."""
-        return self.search.seen.losses[3].evaluate(squared)[0]
-
-
-def _whitener(loss: str) -> Any:
-    return lambda measurement: measurement.isotropic if loss == "distance" else measurement.whitener
 
 
 def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tuple[Sought, Array]:

@@ -66,7 +66,7 @@ class _Scan:
         for part in case.contacts:
             others[part] = False
         slopes = np.hstack((by_sought[:, others], by_forces))
-        weighted = case.search.seen.weights(misfit)[1][:, None] * slopes
+        weighted = case.search.blocks.weights(misfit)[1][:, None] * slopes
         matrix, gradient = slopes.T @ weighted, weighted.T @ misfit
         k = int(others.sum())
         matrix[:k, :k] += case.search.sought.prior_information[np.ix_(others, others)]
@@ -138,11 +138,10 @@ def _model(case: Case, grid: Array, tubes: NDArray[np.intp]) -> LoadedModel:
 
 def _linearized(case: Case, model: LoadedModel, z: Array, places: Array, count: int) -> tuple[Array, Array, Array]:
     """Misfits and their slopes by the numbers sought and by those of the forces, the robot kept in equilibrium."""
-    search, n = case.search, model.unknowns
-    mixing = search.sought.mixing
-    told = model.at(z, np.append(mixing @ case.start, np.zeros(count)), places * search.length)
-    misfit, rates = (each[0] for each in search.seen.comparison.compare(told.predictions))
-    follow = -np.linalg.solve(told.slopes[:, :n], np.column_stack((told.residual, told.slopes[:, n:])))
-    slopes = rates[:, n:] + rates[:, :n] @ follow[:, 1:]
-    known = len(mixing)
-    return misfit + rates[:, :n] @ follow[:, 0], slopes[:, :known] @ mixing, slopes[:, known:]
+    from scipy.linalg import block_diag
+
+    mixing = case.search.sought.mixing
+    turn = np.asarray(block_diag(mixing, np.eye(count)))
+    here = case.search.linearized(model, z, np.append(mixing @ case.start, np.zeros(count)), turn, places)
+    known = mixing.shape[1]
+    return here.settled, here.reduced[:, :known], here.reduced[:, known:]

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..checks import Array, array
 from ..errors import DefinitionError
+from ..estimation.chi_square import p_value
 from ..estimation.measurements import PositionMeasurement
 from ..estimation.places import free
 from ..forward.equilibrium import Equilibrium
@@ -371,7 +372,7 @@ class ForceEstimate:
     @cached_property
     def degrees_of_freedom(self) -> int:
         """Numbers measured, and known by priors, less those estimated."""
-        ways = free(self.state.places, self.case.search.seen.orders)
+        ways = free(self.state.places, self.case.search.blocks.orders)
         places = int((ways.any(axis=0)).sum())
         priors = int(np.linalg.matrix_rank(self.case.search.sought.prior_information))
         ways = self.case.ways(self.state)
@@ -381,10 +382,7 @@ class ForceEstimate:
     @property
     def p_value(self) -> float:
         """Probability of residuals so large; not a number where nothing is left over."""
-        from scipy.stats import chi2
-
-        freedom = self.degrees_of_freedom
-        return float(chi2.sf(self.chi_squared, freedom)) if freedom else np.nan
+        return p_value(self.chi_squared, self.degrees_of_freedom)
 
     @property
     def consistent(self) -> bool | None:

@@ -14,7 +14,6 @@ from ..errors import DefinitionError, EstimationError, SolveError
 from ..estimation.experiment import Experiment
 from ..estimation.losses import LOSSES
 from ..estimation.measurements import Measurement
-from ..estimation.places import nearest
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..layout.ends import Ends
@@ -229,11 +228,8 @@ class ForceEstimationProblem:
         if not isinstance(initial, ForceEstimate) or initial.labels != case.numbered.labels:
             raise DefinitionError(f"initial = {initial!r} must be a ForceEstimate of the same unknown loads")
         state = initial.state
-        same = len(state.places) == case.search.seen.places and not len(state.places)
-        return state.z, state.x, state.places if same else self._places(case, initial.shape)
-
-    def _places(self, case: Case, shape: Equilibrium) -> Array:
-        return nearest(case.experiment, shape, case.whitener, case.loss_of_points)
+        same = len(state.places) == case.search.blocks.places and not len(state.places)
+        return state.z, state.x, state.places if same else case.places(initial.shape)
 
     def _smoothest(self, case: Case, initial: ForceEstimate | None) -> tuple[Case, list[State]]:
         """The case with the smoothness of a distributed force, and its solution, none or one."""

@@ -6,7 +6,7 @@ order and both arrive together; no equilibrium is solved for on the way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 
 import attrs
@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
+from ..estimation.blocks import Blocks
 from ..estimation.comparison import Comparison
-from ..estimation.losses import Loss
-from ..estimation.places import Orders, free, moved
+from ..estimation.linearized import Linearized
+from ..estimation.places import Orders, eliminated, free, moved, pulls
 from ..robot.actuation import Actuation
 from .model import LoadedModel
 
@@ -89,39 +90,6 @@ class Sought:
 
 
 @attrs.frozen(eq=False)
-class Seen:
-    """Measurements: the comparison, the losses of their blocks, which start at ``starts``, and points' orders."""
-
-    comparison: Comparison
-    starts: NDArray[np.intp]
-    sizes: NDArray[np.intp]
-    losses: dict[int, Loss]
-    orders: Orders
-
-    @property
-    def places(self) -> int:
-        """How many arc lengths are estimated."""
-        return self.orders[-1][1] if self.orders else 0
-
-    @cached_property
-    def plain(self) -> bool:
-        """Whether all losses are squares."""
-        return all(loss.name == "squared" for loss in self.losses.values())
-
-    def weights(self, misfit: Array) -> tuple[float, Array]:
-        """The loss, and by what each number's square counts in it."""
-        if self.plain:
-            return 0.5 * float(misfit @ misfit), np.ones(len(misfit))
-        squared = np.add.reduceat(misfit**2, self.starts)
-        if len(self.losses) == 1:
-            rho, first, _ = next(iter(self.losses.values())).evaluate(squared)
-        else:
-            parts = [self.losses[size].evaluate(squared[b]) for b, size in enumerate(self.sizes.tolist())]
-            rho, first = (np.array([part[i] for part in parts]) for i in (0, 1))
-        return float(rho.sum()), np.asarray(np.repeat(2.0 * first, self.sizes), dtype=np.float64)
-
-
-@attrs.frozen(eq=False)
 class State:
     """Where a search is: base moments ``z``, loads ``x``, places, errors ``e``; and everything there to first order.
 
@@ -175,7 +143,8 @@ class Search:
     unit: Array
     length: float
     sought: Sought
-    seen: Seen
+    comparison: Comparison
+    blocks: Blocks
     arrived: float = _ARRIVED
     hopeless: Callable[[State], bool] | None = None
 
@@ -183,35 +152,34 @@ class Search:
 
     def at(self, z: Array, x: Array, places: Array, e: Array) -> State | None:
         """The state there; None where the model cannot be evaluated."""
-        sought, n = self.sought, self.model.unknowns
-        self.model.actuated(self.actuation)
+        sought, e_first = self.sought, len(x)
         try:
-            told = self.model.at(z, sought.mixing @ x, places * self.length)
-        except (EstimationError, DefinitionError):  # steps that cannot be laid out, or numbers without measure
+            here = self.linearized(self.model, z, sought.mixing @ x, sought.turn, places)
+            follow, there = here.follow, here.in_equilibrium
+        except (
+            EstimationError,
+            DefinitionError,
+            np.linalg.LinAlgError,
+        ):  # steps that cannot be laid out, or no numbers
             return None
-        misfit, rates = (each[0] for each in self.seen.comparison.compare(told.predictions))
-        pulls = np.empty((n, 1 + len(x) + len(e)))
-        pulls[:, 0] = told.residual
-        pulls[:, 1:] = told.slopes[:, n:] @ sought.turn
-        try:
-            follow = -np.linalg.solve(told.slopes[:, :n], pulls)
-        except np.linalg.LinAlgError:
+        if not np.abs(there).max(initial=0.0) < _BEYOND:  # nor where it is no number
             return None
-        every = rates[:, :n] @ follow
-        every[:, 1:] += rates[:, n:] @ sought.turn
-        if not np.abs(every).max(initial=0.0) < _BEYOND:  # nor where it is no number
-            return None
-        slopes = every[:, 1:]
-        misfit = np.asarray(misfit + every[:, 0] + slopes[:, len(x) :] @ e, dtype=np.float64)
-        along = np.zeros((len(misfit), 0))
-        if self.seen.places:
-            along = self.seen.comparison.along(told.predictions)[0] * self.length
-        cost, weights = self.seen.weights(misfit)
+        slopes = there[:, 1:]
+        misfit = there[:, 0] + slopes[:, e_first:] @ e
+        cost, weights = self.blocks.weights(misfit)
         off = float(np.abs(follow[:, 0] / self.unit).max())
         mean, information = sought.before
         d = np.concatenate((x, e)) - mean
-        cost += 0.5 * float(d @ information @ d)
-        return State(z, x, places, e, misfit, slopes, along, np.asarray(follow[:, : 1 + len(x)]), off, cost, weights)
+        loss = float(cost) + 0.5 * float(d @ information @ d)
+        return State(z, x, places, e, misfit, slopes, here.misfit_s, follow[:, : 1 + len(x)], off, loss, weights)
+
+    def linearized(self, model: LoadedModel, z: Array, values: Array, mixing: Array, places: Array) -> Linearized:
+        """What a model says of what was measured, by unknowns that its numbers follow by ``mixing``."""
+        model.actuated(self.actuation)
+        told = model.at(z, values, places * self.length)
+        misfit, rates = self.comparison.compare(told.predictions)
+        along = self.comparison.along(told.predictions)[0] if len(places) else np.zeros((misfit.shape[1], 0))
+        return Linearized.of(told.residual, told.slopes, (misfit[0], rates[0]), along, mixing, places, self.length)
 
     # -- search ----------------------------------------------------------------------------------------------------
 
@@ -307,7 +275,7 @@ class Normal:
     upper: Array
     by_place: Array
     curvatures: Array
-    pulls: Array
+    at_places: Array
     orders: Orders
 
     @classmethod
@@ -319,17 +287,14 @@ class Normal:
         matrix = state.slopes.T @ weighted + information
         gradient = weighted.T @ state.misfit + information @ (np.concatenate((state.x, state.e)) - mean)
         by_place = state.along.T @ weighted
-        curvatures = state.weights @ state.along**2
-        pulls = state.along.T @ (state.weights * state.misfit)
+        at_places, curvatures = pulls(state.misfit, state.along, state.weights)
         if len(curvatures):
-            ways = free(state.places, search.seen.orders)
-            own = ways.T @ curvatures
-            used = own > 0.0
-            rows, at = (ways.T @ by_place)[used], (ways.T @ pulls)[used]
-            matrix = matrix - rows.T @ (rows / own[used, None])
-            gradient = gradient - rows.T @ (at / own[used])
-        bounds = sought.whole_bounds
-        return cls(matrix, gradient, sought.whole_scale, *bounds, by_place, curvatures, pulls, search.seen.orders)
+            ways = free(state.places, search.blocks.orders).T
+            matrix, (gradient,) = eliminated(
+                matrix, gradient[None], ways @ by_place, ways @ curvatures, (ways @ at_places)[None]
+            )
+        bounds, orders = sought.whole_bounds, search.blocks.orders
+        return cls(matrix, gradient, sought.whole_scale, *bounds, by_place, curvatures, at_places, orders)
 
     def step(self, state: State, damping: float, hold: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
         """Towards the least, within bounds; not along directions of which nothing is known, or that are to hold."""
@@ -364,11 +329,5 @@ class Normal:
         """Where the points go with a step."""
         if not len(self.curvatures):
             return state.places
-        pulls = self.pulls + self.by_place @ step
-        return moved(state.places, pulls, np.maximum(self.curvatures, 1e-300), self.orders)
-
-
-def blocks(shapes: Sequence[tuple[int, int]]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Where blocks of misfits start, and their sizes, of measurements of these shapes."""
-    sizes = np.array([size for count, size in shapes for _ in range(count)], dtype=np.intp)
-    return np.concatenate(([0], np.cumsum(sizes)[:-1])).astype(np.intp), sizes
+        slopes = self.at_places + self.by_place @ step
+        return moved(state.places, slopes, np.maximum(self.curvatures, 1e-300), self.orders)

@@ -212,7 +212,7 @@ class ForceEstimator:
         expected = _knowing(free, predicted.mean * self._unit, information)
         before = self._window.nearest(time)
         state = None
-        if before is not None and len(before.places) == case.search.seen.places:
+        if before is not None and len(before.places) == case.search.blocks.places:
             state = expected.search.solve(before.z, expected.start, before.places)
             if state is None and _well_begun(expected, before):
                 state = self._jumped(expected.search, free.search, before)
@@ -236,7 +236,7 @@ class ForceEstimator:
             if off <= self.outlier:
                 return False
             limit = len(state.misfit) * self.outlier**2
-            if search.seen.plain and unreachable(self.robot, case.experiment, case.ends, based) > limit:
+            if search.blocks.plain and unreachable(self.robot, case.experiment, case.ends, based) > limit:
                 return True
             hardly = state.off < _CLOSE and _left(search, state) > max(self.outlier, _HARDLY * off)
             return hardly or next(steps) > _PATIENCE
@@ -256,7 +256,7 @@ class ForceEstimator:
         try:
             if self._window.samples:
                 shape = problem._forward.solve(actuation, case.loads_at(case.start))
-                state = case.search.solve(shape.unknowns, case.start, problem._places(case, shape))
+                state = case.search.solve(shape.unknowns, case.start, case.places(shape))
                 if state is not None:
                     return state
             return next(iter(problem._from_nothing(case)), None)
@@ -321,7 +321,7 @@ def _well_begun(case: Case, before: State) -> bool:
 
     Never where places are estimated: of contacts, or of points, which need not be those of the sample before.
     """
-    if case.contacts or case.search.seen.places:
+    if case.contacts or case.search.blocks.places:
         return False
     at = case.search.at(before.z, case.start, before.places, before.e)
     return at is not None and at.off < _CLOSE

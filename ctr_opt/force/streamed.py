@@ -6,6 +6,7 @@ import attrs
 import numpy as np
 
 from ..checks import Array
+from ..estimation.chi_square import p_value
 from .case import Numbered
 
 
@@ -78,9 +79,7 @@ class StreamedForce:
     @property
     def p_value(self) -> float:
         """Probability of an innovation so large; not a number where there is none."""
-        from scipy.stats import chi2
-
-        return float(chi2.sf(self.chi_squared, self.degrees_of_freedom)) if self.degrees_of_freedom else np.nan
+        return p_value(self.chi_squared, self.degrees_of_freedom)
 
     def __repr__(self) -> str:
         both = zip(self.values.items(), self.deviations, strict=True)

@@ -200,11 +200,7 @@ def _effects(case: Case, state: State, errors: list[Imperfection], steps: Callab
     ).T
     observables = case.experiment.observables
     model = loaded_model(case.robot, actuation, loads, (), names, observables, case.compiled, steps)
-    told = model.at(state.z, np.zeros(0), state.places * case.search.length)
-    _, rates = case.search.seen.comparison.compare(told.predictions)
-    n = model.unknowns
-    follow = -np.linalg.solve(told.slopes[:, :n], told.slopes[:, n:] @ changes)
-    return np.asarray(rates[0, :, n:] @ changes + rates[0, :, :n] @ follow)
+    return case.search.linearized(model, state.z, np.zeros(0), changes, state.places).reduced
 
 
 def _absorbed(search: Search, state: State, effects: Array, moving: Array) -> tuple[Array, Array]:
@@ -216,7 +212,7 @@ def _absorbed(search: Search, state: State, effects: Array, moving: Array) -> tu
 
     sought, k = search.sought, len(state.x) + search.errors
     weights = np.sqrt(state.weights)[:, None]
-    ways = free(state.places, search.seen.orders)
+    ways = free(state.places, search.blocks.orders)
     every = across(weights * np.hstack((state.slopes, effects)), weights * (state.along @ ways))
     values, vectors = np.linalg.eigh(sought.prior_information)
     known = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T

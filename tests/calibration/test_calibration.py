@@ -52,8 +52,8 @@ def test_slopes_against_differences(given, cases, compiled):
         h = np.zeros(len(x))
         h[k] = 1e-6 * estimation.unknowns.scale[k]
         after, before = estimation.linearize(x + h, moments), estimation.linearize(x - h, moments)
-        for one, a, b in zip(told, after, before, strict=True):
-            (column,) = np.flatnonzero(one.own == k)
+        for layout, one, a, b in zip(estimation.layouts, told, after, before, strict=True):
+            (column,) = np.flatnonzero(layout.acting == k)
             for field in ("misfit", "residual"):
                 expected = (getattr(a, field) - getattr(b, field)) / (2.0 * h[k])
                 found = getattr(one, f"{field}_x")[:, column]
@@ -70,7 +70,7 @@ def test_compiled_and_symbolic_models_agree(given, cases):
         found.append(estimation.linearize(estimation.unknowns.initial, [each.unknowns for each in equilibria]))
     for a, b in zip(*found, strict=True):
         np.testing.assert_allclose(a.misfit, b.misfit, atol=1e-4)  # 1e-9 of 0.2 m, in units of 0.2 mm, and more
-        np.testing.assert_allclose(a.reduced(), b.reduced(), rtol=1e-5, atol=1e-5 * np.abs(b.reduced()).max())
+        np.testing.assert_allclose(a.reduced, b.reduced, rtol=1e-5, atol=1e-5 * np.abs(b.reduced).max())
 
 
 def test_exact_data_give_the_truth(given, cases):

@@ -130,7 +130,7 @@ def test_residuals_are_errors_over_their_noise(compiled):
     data = [ctr.Experiment(actuation, shape.loads, [measured])]
     made, equilibria = estimation(robot, data, ["base.translation"], tolerance=1e-11, compiled=compiled)
     (one,) = made.linearize(made.unknowns.initial, [equilibria[0].unknowns])
-    np.testing.assert_allclose(one.settled(), [2.0, -1.0, 3.0, 1.0, 2.0, -3.0], rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(one.settled, [2.0, -1.0, 3.0, 1.0, 2.0, -3.0], rtol=0.0, atol=1e-6)
 
 
 @compiled_too

@@ -15,7 +15,7 @@ def misfits(robot, data, compiled=False):
     """Whitened, in equilibrium, of experiments whose base moments are solved to 1e-11."""
     made, equilibria = estimation(robot, data, ["base.translation"], tolerance=1e-11, compiled=compiled)
     moments = [each.unknowns for each in equilibria]
-    return [each.misfit + each.misfit_z @ each.step() for each in made.linearize(made.unknowns.initial, moments)]
+    return [each.misfit + each.misfit_z @ each.step for each in made.linearize(made.unknowns.initial, moments)]
 
 
 @COMPILED

@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import approx_fprime, least_squares, minimize
 
 import ctr_opt as ctr
+from ctr_opt.estimation.losses import Loss
 from ctr_opt.estimation.places import _in_order, free, moved
 from ctr_opt.robot.names import robot_with
 from tests.support.estimated import actuations, experiments, flat, off_by, small_robot, solve
@@ -135,7 +136,7 @@ def test_order_is_kept_where_noise_breaks_it(loss):
     assert pooled
     assert fit.degrees_of_freedom == other.degrees_of_freedom + pooled
     (shape,) = fit.equilibria
-    threshold = min(fit.estimation.losses[3].threshold, 1e3)  # that of squares is infinite
+    threshold = min(Loss(fit.estimation.loss, 3).threshold, 1e3)  # that of squares is infinite
 
     def cost(s):
         squared = ((shape.position(np.clip(s, 0.0, 1.0) * shape.length) - measured.position) ** 2).sum(1) / SIGMA**2
@@ -222,8 +223,9 @@ def test_slopes_are_differences(many):
         fit = ctr.CalibrationProblem(robot, data[:2], names, tolerance=1e-9, compiled=compiled).nominal()
         made, x, states = fit.estimation, fit.estimation.unknowns.initial, fit.found.states
         (here, _) = made.linearize(x, states)
-        both = np.hstack((here.misfit_x * made.unknowns.scale[here.own], here.misfit_z * made.units[0], here.misfit_s))
-        size = np.concatenate((made.unknowns.scale[here.own], made.units[0], np.ones(6)))
+        scale = made.unknowns.scale[made.layouts[0].acting]
+        both = np.hstack((here.misfit_x * scale, here.misfit_z * made.units[0], here.misfit_s))
+        size = np.concatenate((scale, made.units[0], np.ones(6)))
 
         def misfit(v, made=made, x=x, states=states, size=size):
             step = v * size

@@ -70,7 +70,7 @@ def test_what_sensors_show(robot, compiled):
         robot, made(robot, both, 3), at(COIL | RING | HOMES), tolerance=1e-11, compiled=compiled
     )
     for each in start.linearize(start.unknowns.initial, [shape.unknowns for shape in equilibria]):
-        np.testing.assert_allclose(each.misfit + each.misfit_z @ each.step(), 0.0, atol=5e-5)
+        np.testing.assert_allclose(each.misfit + each.misfit_z @ each.step, 0.0, atol=5e-5)
 
 
 @COMPILED
@@ -84,8 +84,8 @@ def test_slopes_are_differences(robot, compiled):
     for k, label in enumerate(start.unknowns.labels):
         h = 1e-5 * start.unknowns.scale[k] * (np.arange(len(x)) == k)
         after, before = start.linearize(x + h, moments), start.linearize(x - h, moments)
-        for one, a, b in zip(here, after, before, strict=True):
-            found = one.misfit_x * start.unknowns.scale[one.own]
+        for layout, one, a, b in zip(start.layouts, here, after, before, strict=True):
+            found = one.misfit_x * start.unknowns.scale[layout.acting]
             expected = start.unknowns.scale[k] * (a.misfit - b.misfit) / (2.0 * h[k])
             np.testing.assert_allclose(found[:, k], expected, rtol=0.0, atol=1e-7 * np.abs(found).max(), err_msg=label)
 

@@ -77,10 +77,11 @@ def test_slopes_are_differences(name):
         along = scale * (np.arange(len(x0)) == k)
         found = difference(lambda h, along=along: told(x0 + h * along, moments), 1e-4)
         for e, each in enumerate(here):
-            (column,) = np.nonzero(each.own == k)
+            acting = made.layouts[e].acting
+            (column,) = np.nonzero(acting == k)
             for mine, wanted in ((each.misfit_x, found[2 * e]), (each.residual_x, found[2 * e + 1])):
                 expected = scale[k] * mine[:, column[0]] if len(column) else np.zeros(len(wanted))
-                size = np.abs(mine * scale[each.own]).max()
+                size = np.abs(mine * scale[acting]).max()
                 np.testing.assert_allclose(expected, wanted, rtol=0.0, atol=1e-8 * size, err_msg=label)
     for k in range(len(units[0])):
         along = [unit * (np.arange(len(unit)) == k) for unit in units]
@@ -102,7 +103,7 @@ def test_reduced_slopes_are_those_of_equilibria(name):
     def misfits(x):
         moments = start
         for _ in range(4):
-            moments = [z + each.step() for z, each in zip(moments, made.linearize(x, moments), strict=True)]
+            moments = [z + each.step for z, each in zip(moments, made.linearize(x, moments), strict=True)]
         found = made.linearize(x, moments)
         assert max(np.abs(each.residual / unit).max() for each, unit in zip(found, made.units, strict=True)) < 1e-12
         return [each.misfit for each in found], found
@@ -112,8 +113,8 @@ def test_reduced_slopes_are_those_of_equilibria(name):
     for _ in range(2):
         along = 0.1 * rng.normal(size=len(x0))
         found = difference(lambda h, along=along: misfits(x0 + h * scale * along)[0], 1e-4)
-        for each, wanted in zip(here, found, strict=True):
-            mine = each.reduced() @ (scale * along)[each.own]
+        for layout, each, wanted in zip(made.layouts, here, found, strict=True):
+            mine = each.reduced @ (scale * along)[layout.acting]
             np.testing.assert_allclose(mine, wanted, rtol=0.0, atol=1e-8 * np.abs(wanted).max())
 
 
@@ -142,7 +143,7 @@ def test_reduced_slopes_are_sensitivities(tubes, compiled):
     data = [ctr.Experiment(actuation, loads, measurements)]
     made, equilibria = estimation(robot, data, names, tolerance=1e-11, compiled=compiled)
     assert (made.models[0].compiled is not None) == compiled
-    found = made.linearize(made.unknowns.initial, [equilibria[0].unknowns])[0].reduced() * made.unknowns.scale
+    found = made.linearize(made.unknowns.initial, [equilibria[0].unknowns])[0].reduced * made.unknowns.scale
     rows = [
         shape.sensitivity(("pose", s), wrt)[:3],
         shape.sensitivity("tip_pose", wrt)[:3],
@@ -163,7 +164,7 @@ def test_slopes_of_curvatures_are_sensitivities():
     measured = ctr.CurvatureMeasurement(s, [0.0, 0.0, 0.0], sigma=1.0, tube=tube)
     data = [ctr.Experiment(actuation, shape.loads, [measured])]
     made, equilibria = estimation(robot, data, [*wrt[:2], "experiments[0].rotations"], tolerance=1e-11)
-    found = made.linearize(made.unknowns.initial, [equilibria[0].unknowns])[0].reduced() * made.unknowns.scale
+    found = made.linearize(made.unknowns.initial, [equilibria[0].unknowns])[0].reduced * made.unknowns.scale
     bent, angle = shape.curvature(s)[:2], shape.tube_angle(tube, s)
     c, d = np.cos(angle), np.sin(angle)
     of_bent = np.array([[c, d], [-d, c]]) @ shape.sensitivity(("curvature", s), wrt)[:2]
@@ -185,7 +186,8 @@ def test_compiled_and_interpreted_slopes_agree():
         assert all((group.compiled is not None) == compiled for group in made.models)
         x = made.unknowns.initial + 0.02 * made.unknowns.scale * np.sin(np.arange(made.unknowns.size) + 1.0)
         moments = [each.unknowns for each in made.equilibria(x)]
-        found.append([each.reduced() * made.unknowns.scale[each.own] for each in made.linearize(x, moments)])
+        pairs = zip(made.layouts, made.linearize(x, moments), strict=True)
+        found.append([each.reduced * made.unknowns.scale[layout.acting] for layout, each in pairs])
     for a, b in zip(*found, strict=True):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-7 * np.abs(a).max())
 

@@ -26,7 +26,7 @@ def predicted(robot, actuation, loads, wanted):
     none = [ctr.ForceMeasurement(i, 0.0, sigma=1.0) for i in range(len(robot.tubes))]
     made, shapes = estimation(robot, [ctr.Experiment(actuation, loads, none)], wanted, tolerance=TIGHT, compiled=None)
     (each,) = made.linearize(made.unknowns.initial, [shape.unknowns for shape in shapes])
-    return each.settled(), each.reduced()
+    return each.settled, each.reduced
 
 
 def pulled(tubes):

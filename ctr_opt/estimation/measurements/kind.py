@@ -190,6 +190,10 @@ class Measurement(ABC):
         variances = (np.linalg.inv(self.whitener) ** 2).sum(axis=(1, 2)) / size
         return np.asarray(np.eye(size) / np.sqrt(variances)[:, None, None])
 
+    def whitener_for(self, loss: str) -> Array:
+        """By what residuals are multiplied under a loss: distances are the same along all axes."""
+        return self.isotropic if loss == "distance" else self.whitener
+
     def check(self, tubes: int) -> None:
         """Raise ``DefinitionError`` for a tube that a robot with this number of ``tubes`` does not have."""
         for one in self.observables:
