@@ -44,7 +44,7 @@ def program(kind, configuration, steps, transcription, integrator, start):
     solver = IpoptSolver(problem.program.nlp, Ipopt())
 
     def action():
-        return solver.solve(problem.like(start.shape), problem.parameters)
+        return solver.solve(problem.guess(start.shape), problem.parameters)
 
     point = action()
     assert point.converged

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import attrs
@@ -43,6 +44,17 @@ def number(
     if not inside:
         raise DefinitionError(f"{field} = {result:g}{_spaced(unit)} must be {allowed}")
     return result
+
+
+def bounded(
+    above: float | None = None, least: float | None = None, most: float | None = None
+) -> Callable[[Any, attrs.Attribute[Any], Any], None]:
+    """A validator of a field that holds a :func:`number`."""
+
+    def validate(instance: Any, field: attrs.Attribute[Any], value: Any) -> None:
+        number(value, f"{type(instance).__name__}.{field.name}", above=above, least=least, most=most)
+
+    return validate
 
 
 def array(

@@ -22,7 +22,7 @@ from ..robot.robot import Robot
 from ..solvers.accuracy import estimate_error_of_nodes
 from ..solvers.status import SolveStatus
 from ..transcription.shape import Shape
-from ..transcription.shooting import Nodes, Shooting
+from ..transcription.shooting import NodeStates, Shooting
 from ..transcription.stability import SecondVariation
 from .attempt import Attempt
 from .record import BaseMoments, Outcome, SolvedRecord
@@ -309,7 +309,7 @@ class CompiledRecord:
         """The states at the nodes."""
         mesh, states = self._block("mesh", "right").reshape(-1, 2), self.sizes.states
         right, left = (self._block(*ends).reshape(-1, states).T for ends in (("right", "left"), ("left", "size")))
-        return Shape(self.configuration, mesh, Nodes(right[:, :-1], left, right[:, -1]))
+        return Shape(self.configuration, mesh, NodeStates(right[:, :-1], left, right[:, -1]))
 
     @cached_property
     def second_variation(self) -> SecondVariation | None:

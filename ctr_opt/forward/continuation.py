@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeAlias
 
 import attrs
 import numpy as np
@@ -13,6 +14,9 @@ from ..mechanics.kind import Kind
 from ..robot.actuation import Actuation
 from ..solvers.newton import System
 from ..transcription.shooting import Shooting
+
+Path: TypeAlias = Callable[[float], System]
+"""Systems by a parameter that runs from 0 to 1."""
 
 
 @attrs.frozen(eq=False)
@@ -55,37 +59,21 @@ class Route:
         return _Rescaled(shooting, units)
 
 
-@attrs.frozen(eq=False)
-class Release:
-    """A path from any point to a solution: the residual that the point leaves is released in proportion."""
-
-    system: System
-    offset: Array
-
-    @classmethod
-    def of(cls, system: System, z: Array) -> Release:
-        """The release that starts at ``z``."""
-        return cls(system, system.linearize(z)[0])
-
-    def at(self, parameter: float) -> System:
-        """The system with what is left of the residual taken off."""
-        return _Shifted(self.system, (1.0 - parameter) * self.offset)
-
-
 _IMPERFECTION = 0.01  # residual put on at the start: moments at the tip, over max(EI) / length
 
 
-@attrs.frozen(eq=False)
-class Imperfect:
+def released(system: System, z: Array) -> Path:
+    """A path from any point to a solution: the residual that the point leaves is released in proportion."""
+    return _faded(lambda _: system, system.linearize(z)[0])
+
+
+def imperfect(path: Path, unknowns: int) -> Path:
     """A path of systems with small moments at the tip that fade along it: what is perfect no longer bifurcates."""
+    return _faded(path, _IMPERFECTION * np.cos(1.0 + 2.0 * np.arange(unknowns)))
 
-    path: Callable[[float], System]
-    unknowns: int
 
-    def at(self, parameter: float) -> System:
-        """The system with what is left of the imperfection."""
-        offset = _IMPERFECTION * np.cos(1.0 + 2.0 * np.arange(self.unknowns))
-        return _Shifted(self.path(parameter), (1.0 - parameter) * offset)
+def _faded(path: Path, offset: Array) -> Path:
+    return lambda parameter: _Shifted(path(parameter), (1.0 - parameter) * offset)
 
 
 @attrs.frozen(eq=False)

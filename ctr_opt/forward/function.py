@@ -13,25 +13,33 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..checks import Array
+from ..checks import Array, array
+from ..errors import DefinitionError
 from ..mechanics.fields import material_frame
 from ..mechanics.state import State, slices
 from ..robot.names import Parameter, chosen, identifier, parameters
+from ..robot.robot import Robot
 from ..transcription.parametric_problem import Discretized, ParametricProblem, Swept
+from .equilibrium import Equilibrium
 from .sensitivity import Solved
 
-_NEWTON = {
-    "abstol": 1e-10,
-    "max_iter": 30,
-    "error_on_fail": False,
-    "show_eval_warnings": False,
-}
+_NEWTON = {"abstol": 1e-10, "max_iter": 30, "error_on_fail": False, "show_eval_warnings": False}
 _ACCEPTED = 1e-8  # scaled residual: of flexible robots rounding errors alone leave more than ``abstol``
 _SLACK = 1e-6  # of the length: optimizers overstep their bounds a little
 
 
-def forward_map(solved: Solved, wrt: Sequence[str], along: Array, steps: int | None) -> ca.Function:
-    """The function that ``ForwardProblem.function`` describes."""
+def forward_function(robot: Robot, initial: Any, wrt: Any, along: Any, steps: Any) -> ca.Function:
+    """The function that ``ForwardProblem.function`` describes, from its arguments."""
+    if not isinstance(initial, Equilibrium) or initial.robot != robot:
+        raise DefinitionError(f"initial = {initial!r} must be an Equilibrium of this problem's robot")
+    if isinstance(wrt, str):
+        raise DefinitionError(f"wrt = {wrt!r} must be a list of names, like wrt=[{wrt!r}]")
+    if steps is not None and (not isinstance(steps, int) or steps < 1):
+        raise DefinitionError(f"steps = {steps!r} must be a whole number, at least 1")
+    return _forward_map(initial.solved(), wrt, array(along if len(along) else np.zeros(0), "along", (None,)), steps)
+
+
+def _forward_map(solved: Solved, wrt: Sequence[str], along: Array, steps: int | None) -> ca.Function:
     own = solved.configuration
     selected = chosen(parameters(own.robot, own.actuation, own.loads), wrt)
     probes = [(s, None) for s in along.tolist()]

@@ -7,10 +7,11 @@ from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import Array
 from ..layout.configuration import Configuration
-from ..solvers.accuracy import ALONG_FAMILY, NEARBY, Refinement, estimate_error_of_nodes
+from ..solvers.accuracy import ALONG_FAMILY, NEARBY, estimate_error_of_nodes
 from ..solvers.ipopt import Ipopt, IpoptPoint, IpoptSolver
 from ..solvers.minimum import Minimum, minimize, minimize_in_steps
 from ..solvers.status import SolveStatus
@@ -18,12 +19,12 @@ from ..transcription.energy import EnergyProblem
 from ..transcription.equilibrium_program import EquilibriumProblem
 from ..transcription.nlp import Nlp
 from ..transcription.shape import Shape
-from ..transcription.shooting import Nodes, Shooting, cut
+from ..transcription.shooting import NodeStates, Shooting, cut
 from .attempt import Attempt, Failed
 from .compiled import Record
-from .run import Reached, Run
+from .run import Measured, Reached, Run
 
-Find: TypeAlias = Callable[[Run, Array, Shape | None], tuple[Nodes, Array]]
+Find: TypeAlias = Callable[[Run, Array, Shape | None], tuple[NodeStates, Array]]
 """A solution on a mesh, states at its nodes and unknowns, from the straight robot or from another shape."""
 
 
@@ -34,7 +35,7 @@ def minimum(
     attempt, settings = run.attempt(way), run.settings
     energy = run.setup(lambda: EnergyProblem(configuration, mesh, settings.transcription, settings.integrator))
     solver = run.setup(lambda: _solver(energy.program.nlp, settings.ipopt))
-    guess = energy.straight() if shape is None else energy.like(shape)
+    guess = energy.guess(shape)
     found = minimize(solver, energy, energy.program.free, guess)
     attempt.iterations = found.iterations
     if found.inertia is None and shape is None:
@@ -57,21 +58,21 @@ def polished(run: Run, energy: EnergyProblem, found: Minimum) -> Reached:
     return run.newton(run.shooting_of(energy.configuration), z, NEARBY if found.stable else ALONG_FAMILY, "newton")
 
 
-def lowest(run: Run, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array]:
+def lowest(run: Run, mesh: Array, shape: Shape | None) -> tuple[NodeStates, Array]:
     """A minimum of the transcribed energy."""
     first = run.initial is not None and not run.attempts
     energy, found = minimum(run, run.configuration, mesh, shape, "energy from initial" if first else "energy")
     return energy.recover(found.point.x, found.point.multipliers)
 
 
-def balance(run: Run, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array]:
+def balance(run: Run, mesh: Array, shape: Shape | None) -> tuple[NodeStates, Array]:
     """A solution of the transcribed boundary-value problem."""
     attempt, settings = run.attempt("ipopt"), run.settings
     problem = run.setup(
         lambda: EquilibriumProblem(run.configuration, mesh, settings.transcription, settings.integrator)
     )
     solver = run.setup(lambda: _solver(problem.program.nlp, settings.ipopt))
-    point = solver.solve(problem.straight() if shape is None else problem.like(shape), problem.parameters)
+    point = solver.solve(problem.guess(shape), problem.parameters)
     attempt.iterations = point.iterations
     if not point.converged:
         attempt.outcome = "failed"
@@ -79,20 +80,21 @@ def balance(run: Run, mesh: Array, shape: Shape | None) -> tuple[Nodes, Array]:
     return problem.recover(point.x)
 
 
-def discretized(run: Run, find: Find, shape: Shape | None) -> Reached:
+def discretized(run: Run, find: Find, shape: Shape | None) -> Measured:
     """A solution in a discretization of its own, on finer and finer meshes until it meets the tolerance."""
-    mesh, refinement = run.configuration.mesh(), Refinement(run.settings.tolerance)
-    while True:
+    integrator = run.settings.integrator
+
+    def measured(mesh: Array, shape: Shape | None) -> Measured:
         nodes, z = find(run, mesh, shape)
-        shooting = Shooting(run.configuration, mesh, run.settings.integrator)
+        shooting = Shooting(run.configuration, mesh, integrator)
         estimate, solution = estimate_error_of_nodes(shooting, z, nodes)
-        if estimate.error <= run.settings.tolerance:
-            return Reached(shooting, solution, nodes, estimate)
-        parts = refinement.next(estimate)
-        if parts is None:
-            raise run.inaccurate(z, estimate)
-        shape = Shape(run.configuration, mesh, nodes, run.settings.integrator)
-        mesh = cut(mesh, parts)
+        return Measured(shooting, solution, nodes, estimate)
+
+    def finer(coarse: Measured, parts: NDArray[np.intp]) -> Measured:
+        mesh = coarse.shooting.mesh
+        return measured(cut(mesh, parts), Shape(run.configuration, mesh, coarse.nodes, integrator))
+
+    return run.accurate(measured(run.configuration.mesh(), shape), finer)
 
 
 # -- shapes to start from ----------------------------------------------------------------------------------------------

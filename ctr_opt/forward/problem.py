@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from ..checks import array, flag
+from ..checks import flag
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
 from ..loads.kind import Load
@@ -18,7 +17,7 @@ from ..transcription.schemes import Transcription
 from .batch.result import Batch
 from .batch.solve import solve_rows
 from .equilibrium import Equilibrium
-from .function import forward_map
+from .function import forward_function
 from .record import BaseMoments, SolvedRecord
 from .settings import Method, Settings
 from .solver import ForwardSolver, as_loads
@@ -242,13 +241,7 @@ class ForwardProblem:
         >>> bool(abs(float(tip[2]) - np.sin(1.0) / 10.0) < 1e-9)
         True
         """
-        if not isinstance(initial, Equilibrium) or initial.robot != self.robot:
-            raise DefinitionError(f"initial = {initial!r} must be an Equilibrium of this problem's robot")
-        if isinstance(wrt, str):
-            raise DefinitionError(f"wrt = {wrt!r} must be a list of names, like wrt=[{wrt!r}]")
-        if steps is not None and (not isinstance(steps, int) or steps < 1):
-            raise DefinitionError(f"steps = {steps!r} must be a whole number, at least 1")
-        return forward_map(initial.solved(), wrt, array(along if len(along) else np.zeros(0), "along", (None,)), steps)
+        return forward_function(self.robot, initial, wrt, along, steps)
 
     def guess(
         self,
@@ -270,9 +263,6 @@ class ForwardProblem:
             ``(tubes,)``, N m: torsional moment ``GJ_i (u_i,z - u*_i,z)`` at each tube's base; default zero.
         """
         configuration = Configuration(self.robot, actuation, as_loads(loads))
-        tubes = configuration.tube_count
-        base = BaseMoments(
-            array(bending, "bending", (2,), unit="N m"),
-            array(np.zeros(tubes) if torsional is None else torsional, "torsional", (tubes,), unit="N m"),
+        return Equilibrium(
+            SolvedRecord.guess(configuration, BaseMoments.checked(bending, torsional, len(self.robot.tubes)))
         )
-        return Equilibrium(SolvedRecord.guess(configuration, base))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import attrs
 import numpy as np
 
-from ..checks import Array
+from ..checks import Array, array
 from ..layout.configuration import Configuration, Scales
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
@@ -42,6 +44,14 @@ class BaseMoments:
         for values in (moments, force):
             values.setflags(write=False)
         return cls(moments[:2], moments[2:], force)
+
+    @classmethod
+    def checked(cls, bending: Any, torsional: Any, tubes: int) -> BaseMoments:
+        """From what a user gives; no torsional moments are zero."""
+        return cls(
+            array(bending, "bending", (2,), unit="N m"),
+            array(np.zeros(tubes) if torsional is None else torsional, "torsional", (tubes,), unit="N m"),
+        )
 
     def unknowns(self, scales: Scales, live: bool) -> Array:
         """As dimensionless unknowns, with a force where loads are ``live``."""

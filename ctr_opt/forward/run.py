@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import Array
 from ..layout.configuration import Configuration
@@ -17,7 +18,7 @@ from ..solvers.homotopy import Trace, trace
 from ..solvers.newton import Newton, Solution, System, newton
 from ..solvers.status import SolveStatus
 from ..transcription.shape import Shape
-from ..transcription.shooting import Nodes, Shooting
+from ..transcription.shooting import NodeStates, Shooting
 from .attempt import Attempt, Failed
 from .compiled import Record
 from .equilibrium import Equilibrium
@@ -29,12 +30,18 @@ _T = TypeVar("_T")
 
 @attrs.frozen(eq=False)
 class Reached:
-    """A solution of the boundary-value problem; an accurate one holds its nodes and the estimate of their error."""
+    """A solution of the boundary-value problem."""
 
     shooting: Shooting
     solution: Solution
-    nodes: Nodes | None = None
-    estimate: Estimate | None = None
+
+
+@attrs.frozen(eq=False)
+class Measured(Reached):
+    """One whose error is estimated."""
+
+    nodes: NodeStates
+    estimate: Estimate
 
 
 class Run:
@@ -100,33 +107,39 @@ class Run:
             raise Failed(status, message, path.solution.z, path.reached, exhausted)
         return Reached(self.shooting, path.solution)
 
-    def refined(self, reached: Reached) -> Reached:
+    def refined(self, reached: Reached) -> Measured:
         """The same solution, its steps cut until the estimated error meets the tolerance."""
-        refinement, tolerance = Refinement(self.settings.tolerance), self.settings.residual_tolerance
-        while reached.estimate is None:
-            shooting, solution = reached.shooting, reached.solution
-            nodes, _ = shooting.sweep(solution.z)
-            estimate = estimate_error(shooting, solution, nodes, tolerance)
-            if estimate.error <= self.settings.tolerance:
-                return Reached(shooting, solution, nodes, estimate)
-            parts = refinement.next(estimate)
-            if parts is None:
-                raise self.inaccurate(solution.z, estimate)
-            finer = estimate.finer if np.all(parts == 2) else shooting.refined(parts)
-            finer_solution = newton(finer, estimate.z, tolerance, NEARBY)
-            self.attempts[-1].iterations += finer_solution.iterations
-            if not finer_solution.converged:
-                raise self.inaccurate(solution.z, estimate)
-            reached = Reached(finer, finer_solution)
-        return reached
+        if isinstance(reached, Measured):
+            return reached
+        tolerance = self.settings.residual_tolerance
 
-    def inaccurate(self, z: Array, estimate: Estimate) -> Failed:
-        """The failure of a discretization."""
-        message = (
-            f"the estimated error {estimate.error:.2g} of the length stayed above "
-            f"the tolerance {self.settings.tolerance:g}"
-        )
-        return Failed(SolveStatus.INACCURATE, message, z, reached=1.0)
+        def measured(shooting: Shooting, solution: Solution) -> Measured:
+            nodes, _ = shooting.sweep(solution.z)
+            return Measured(shooting, solution, nodes, estimate_error(shooting, solution, nodes, tolerance))
+
+        def finer(coarse: Measured, parts: NDArray[np.intp]) -> Measured | None:
+            halved = bool(np.all(parts == 2))
+            shooting = coarse.estimate.finer if halved else coarse.shooting.refined(parts)
+            solution = newton(shooting, coarse.estimate.z, tolerance, NEARBY)
+            self.attempts[-1].iterations += solution.iterations
+            return measured(shooting, solution) if solution.converged else None
+
+        return self.accurate(measured(reached.shooting, reached.solution), finer)
+
+    def accurate(self, first: Measured, finer: Callable[[Measured, NDArray[np.intp]], Measured | None]) -> Measured:
+        """A solution whose estimated error meets the tolerance: ``finer`` solves with steps cut, or gives up."""
+        refinement, best = Refinement(self.settings.tolerance), first
+        while not best.estimate.error <= self.settings.tolerance:
+            parts = refinement.next(best.estimate)
+            better = None if parts is None else finer(best, parts)
+            if better is None:
+                message = (
+                    f"the estimated error {best.estimate.error:.2g} of the length stayed above "
+                    f"the tolerance {self.settings.tolerance:g}"
+                )
+                raise Failed(SolveStatus.INACCURATE, message, best.solution.z, reached=1.0)
+            best = better
+        return best
 
     # -- results ---------------------------------------------------------------------------------------------------
 
@@ -134,19 +147,17 @@ class Run:
         """Unknowns as moments and force at the base."""
         return BaseMoments.of(z, self.configuration.scales, self.configuration.tube_count)
 
-    def record(self, reached: Reached) -> SolvedRecord:
+    def record(self, reached: Measured) -> SolvedRecord:
         """An accurate solution as the result."""
-        solution, nodes, estimate = reached.solution, reached.nodes, reached.estimate
-        assert nodes is not None
-        assert estimate is not None
+        solution = reached.solution
         outcome = Outcome(
             SolveStatus.CONVERGED,
             tuple(self.attempts),
             residual_norm=solution.residual_norm,
-            discretization_error=estimate.error * self.configuration.scales.length,
+            discretization_error=reached.estimate.error * self.configuration.scales.length,
             jacobian=solution.jacobian,
         )
-        shape = Shape(self.configuration, reached.shooting.mesh, nodes, self.settings.integrator)
+        shape = Shape(self.configuration, reached.shooting.mesh, reached.nodes, self.settings.integrator)
         return SolvedRecord(self.configuration, self.base(solution.z), outcome, shape)
 
     def failure(self, failure: Failed) -> SolvedRecord:

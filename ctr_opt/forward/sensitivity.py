@@ -19,7 +19,7 @@ from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration
 from ..layout.observables import Observable, posed
 from ..robot.names import Parameter
-from ..transcription.linear import NEGLIGIBLE
+from ..transcription.closure import NEGLIGIBLE
 from ..transcription.observing import Observer
 from ..transcription.parametric_problem import ParametricProblem, at_nominal
 from .outputs import from_left

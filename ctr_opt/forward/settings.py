@@ -1,4 +1,4 @@
-"""What a forward problem is told: formulations, the methods that belong to them, and everything else at once."""
+"""The settings of a forward problem: formulation, method, accuracy, discretization."""
 
 from __future__ import annotations
 
@@ -15,16 +15,9 @@ from ..transcription.integrators import INTEGRATORS
 from ..transcription.schemes import Collocation, MultipleShooting, Transcription
 
 Method: TypeAlias = Newton | Homotopy | Ipopt
-METHODS: dict[str, tuple[type[Newton] | type[Homotopy] | type[Ipopt], ...]] = {
-    "automatic": (Homotopy,),
-    "energy": (Ipopt,),
-    "equilibrium": (Homotopy, Newton, Ipopt),
-}
-METHOD_NAMES: dict[str, type[Newton] | type[Homotopy] | type[Ipopt]] = {
-    "homotopy": Homotopy,
-    "newton": Newton,
-    "ipopt": Ipopt,
-}
+_KINDS: tuple[type[Method], ...] = (Homotopy, Newton, Ipopt)
+_METHODS: dict[str, tuple[type[Method], ...]] = {"automatic": (Homotopy,), "energy": (Ipopt,), "equilibrium": _KINDS}
+_NAMES = {kind.__name__.lower(): kind for kind in _KINDS}
 
 
 @attrs.frozen
@@ -79,15 +72,15 @@ class Settings:
 
 def _method(formulation: Any, method: Any, transcription: Transcription | None) -> tuple[str, Method]:
     """Formulation and method, each given or following from the other."""
-    allowed = METHODS[choice(formulation, "formulation", tuple(METHODS))]
+    allowed = _METHODS[choice(formulation, "formulation", tuple(_METHODS))]
     if isinstance(method, str):
-        method = METHOD_NAMES[choice(method, "method", tuple(METHOD_NAMES))]()
+        method = _NAMES[choice(method, "method", tuple(_NAMES))]()
     if method is None:
         by_default = Ipopt if formulation == "equilibrium" and transcription is not None else allowed[0]
         return formulation, by_default()
     if formulation == "automatic" and not isinstance(method, allowed):
-        formulation = next((name for name, kinds in METHODS.items() if isinstance(method, kinds)), formulation)
-        allowed = METHODS[formulation]
+        formulation = next((name for name, kinds in _METHODS.items() if isinstance(method, kinds)), formulation)
+        allowed = _METHODS[formulation]
     if not isinstance(method, allowed):
         names = " or ".join(kind.__name__ for kind in allowed)
         raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")

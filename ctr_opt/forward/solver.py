@@ -15,7 +15,7 @@ from ..robot.robot import Robot
 from .compiled import CompiledProblem, Record
 from .equilibrium import Equilibrium
 from .settings import Settings
-from .ways import solve
+from .ways import solve_configuration
 
 
 class ForwardSolver:
@@ -70,7 +70,7 @@ class ForwardSolver:
             record = fast.solve(actuation, loads, start)
             if record is not None:
                 return Equilibrium(record)
-        result = solve(self.settings, self.configuration(actuation, loads), start)
+        result = solve_configuration(self.settings, self.configuration(actuation, loads), start)
         if throw and not result.converged:
             raise SolveError(result.message, result)
         return result
@@ -81,7 +81,7 @@ class ForwardSolver:
         if fast is not None and fast.knows(loads):
             record = fast.solve(actuation, loads, initial.record)
             return None if record is None else Equilibrium(record)
-        result = solve(self.settings, self.configuration(actuation, loads), initial.record)
+        result = solve_configuration(self.settings, self.configuration(actuation, loads), initial.record)
         return result if result.converged else None
 
 

@@ -28,7 +28,7 @@ from ..solvers.status import SolveStatus
 from ..transcription.shape import Shape
 from .attempt import Failed
 from .compiled import Record
-from .continuation import Imperfect, Release, Route
+from .continuation import Route, imperfect, released
 from .equilibrium import Equilibrium
 from .optimized import balance, discretized, lowest, minimum, polished, shape_of, shape_of_minimum, swept
 from .record import SolvedRecord
@@ -50,7 +50,7 @@ class Way:
     when: Callable[[Run, list[Failed]], bool] = lambda *_: True
 
 
-def solve(settings: Settings, configuration: Configuration, initial: Record | None) -> Equilibrium:
+def solve_configuration(settings: Settings, configuration: Configuration, initial: Record | None) -> Equilibrium:
     """The equilibrium, or the record of the failure."""
     begin, run = perf_counter(), Run(settings, configuration, initial)
     last = None
@@ -122,7 +122,7 @@ def _grown(
     def at(x: float) -> System:
         return run.shooting.scaled(*(a + x * (b - a) for a, b in zip(begin, end, strict=True)))
 
-    return run.trace(Imperfect(at, len(z)).at if flaw else at, z, way, follow)
+    return run.trace(imperfect(at, len(z)) if flaw else at, z, way, follow)
 
 
 def _homotopy(*legs: tuple[str, Factors], **options: Any) -> Callable[[Run], Reached]:
@@ -201,11 +201,11 @@ def _continued(run: Run) -> Reached:
     z = initial.base.unknowns(own.scales, route.kind.live)
     if initial.robot != own.robot or initial.shape is None:
         try:
-            release = Release.of(route.at(0.0), z)
+            release = released(route.at(0.0), z)
         except DefinitionError as error:
             message = f"the initial configuration is none of this robot: {error}"
             raise Failed(SolveStatus.STALLED, message, z) from None
-        z = run.trace(release.at, z, "release of the residual").solution.z
+        z = run.trace(release, z, "release of the residual").solution.z
     try:
         z = run.trace(route.at, z, "continuation from initial").solution.z
     except Failed as failure:
@@ -216,7 +216,7 @@ def _continued(run: Run) -> Reached:
 
 def _keep_last(run: Run, there: Configuration, failure: Failed) -> None:
     """Keep the equilibrium at which a path of this robot ended."""
-    last = solve(run.settings, there, SolvedRecord.guess(there, run.base(failure.z)))
+    last = solve_configuration(run.settings, there, SolvedRecord.guess(there, run.base(failure.z)))
     run.last = last if last.converged else None
 
 

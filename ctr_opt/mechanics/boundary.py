@@ -8,9 +8,8 @@ import attrs
 import casadi as ca
 
 from .law import transmission_twist
-from .so3 import rotation_matrix
+from .so3 import SymT, rotation_matrix
 from .state import State
-from .symbols import SymT
 
 
 @attrs.frozen(eq=False)

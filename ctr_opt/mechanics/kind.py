@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Hashable, Iterable
+from functools import lru_cache, wraps
+from typing import Any, TypeVar, cast
 
 import attrs
 
 from ..loads.field import Field
+
+_T = TypeVar("_T")
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+_EXPRESSIONS = 4  # of the functions built for users' expressions, of which there may be ever new ones, that are kept
 
 
 @attrs.frozen(cache_hash=True)
@@ -55,3 +60,27 @@ def constant_kind(loads: Iterable[Any]) -> Kind:
         if getattr(load, "frame", "world") == "body":
             return _BODY
     return DEAD
+
+
+def shared_by_kind(build: Callable[..., _T], most: int) -> Callable[..., _T]:
+    """``build(...)``, called once for equal arguments, which are hashable and hold a ``Kind``."""
+    common, of_expressions = lru_cache(maxsize=most)(build), lru_cache(maxsize=_EXPRESSIONS)(build)
+
+    def shared(*arguments: Hashable) -> _T:
+        fields = any(argument.fields for argument in arguments if isinstance(argument, Kind))
+        return of_expressions(*arguments) if fields else common(*arguments)
+
+    return shared
+
+
+def built_once(build: _Method) -> _Method:
+    """A method that is called once for equal arguments; what it builds is kept with its object."""
+
+    @wraps(build)
+    def method(self: Any, *key: Hashable) -> Any:
+        results = self.__dict__.setdefault(f"_built_{build.__name__}", {})
+        if key not in results:
+            results[key] = build(self, *key)
+        return results[key]
+
+    return cast(_Method, method)

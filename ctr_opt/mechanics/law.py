@@ -13,7 +13,7 @@ from typing import Any
 import attrs
 import casadi as ca
 
-from .symbols import SymT
+from .so3 import SymT
 
 
 @attrs.frozen(eq=False)

@@ -13,9 +13,8 @@ import casadi as ca
 
 from . import law as constitutive
 from .law import Stiffness
-from .so3 import quaternion_rate, rotation_matrix, turn, turn_back
+from .so3 import SymT, quaternion_rate, rotation_matrix, turn, turn_back
 from .state import State
-from .symbols import SymT
 
 
 @attrs.frozen(eq=False)

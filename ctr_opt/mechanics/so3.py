@@ -6,9 +6,12 @@ every formula divides by its squared length.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import casadi as ca
 
-from .symbols import SymT
+SymT = TypeVar("SymT", ca.DM, ca.SX, ca.MX)
+"""The type variable of symbolic code: a function of CasADi matrices keeps the kind it is given."""
 
 
 def rotation_matrix(q: SymT) -> SymT:

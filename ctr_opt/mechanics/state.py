@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ..checks import Array
-from .symbols import SymT
+from .so3 import SymT
 
 
 def slices(sizes: dict[str, int]) -> dict[str, slice]:

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import Array
-from ..transcription.closure import close
-from ..transcription.linear import newton_correction
-from ..transcription.shooting import Nodes, Shooting
+from ..transcription.closure import close, newton_correction
+from ..transcription.shooting import NodeStates, Shooting
 from .newton import Newton, Solution, newton
 
 _SAFETY = 2.0  # the error is at most twice the difference to half the step, for a method of order one or more
@@ -35,7 +34,7 @@ class Estimate:
     """Estimated largest position error over the length of ``nodes``; the problem with half the steps, its solution."""
 
     error: float
-    nodes: Nodes
+    nodes: NodeStates
     finer: Shooting
     z: Array
 
@@ -76,7 +75,7 @@ class Refinement:
         return parts
 
 
-def estimate_error(shooting: Shooting, solution: Solution, nodes: Nodes, tolerance: float) -> Estimate:
+def estimate_error(shooting: Shooting, solution: Solution, nodes: NodeStates, tolerance: float) -> Estimate:
     """Error of ``nodes``, at the mesh of ``shooting``, against the finer solution near ``solution``.
 
     The finer solution takes one chord step, two sweeps and no Jacobian; Newton's method only where that is not enough.
@@ -97,7 +96,7 @@ def estimate_error(shooting: Shooting, solution: Solution, nodes: Nodes, toleran
     return Estimate(float(_SAFETY * difference + _ROUNDING), nodes, finer, z)
 
 
-def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: Nodes) -> tuple[Estimate, Solution]:
+def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: NodeStates) -> tuple[Estimate, Solution]:
     """The same for nodes that another discretization found, without shooting from the entry to the tip.
 
     The difference to the finer solution is what closes the gaps that half the steps' length leaves. Also the unknowns
@@ -113,6 +112,6 @@ def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: Nodes) -> tuple
     return Estimate(error, nodes, finer, z + closure.unknowns), solution
 
 
-def two_halves(finer: Shooting, nodes: Nodes) -> Array:
+def two_halves(finer: Shooting, nodes: NodeStates) -> Array:
     """Where two halves of every step end that begin at the nodes."""
     return finer.advance(finer.advance(nodes.right, 0), 1)

@@ -7,16 +7,8 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from ..checks import Array, number
+from ..checks import Array, bounded
 from .newton import Newton, Solution, System, newton
-
-
-def _in_unit_interval(method: Homotopy, field: attrs.Attribute[float], value: float) -> None:
-    number(value, f"{type(method).__name__}.{field.name}", above=0.0, most=1.0)
-
-
-def _at_least_one(method: Homotopy, field: attrs.Attribute[int], value: int) -> None:
-    number(value, f"{type(method).__name__}.{field.name}", least=1.0)
 
 
 @attrs.frozen
@@ -35,9 +27,9 @@ class Homotopy:
         Steps tried, the failed ones included.
     """
 
-    first_step: float = attrs.field(default=0.25, validator=_in_unit_interval)
-    smallest_step: float = attrs.field(default=1e-5, validator=_in_unit_interval)
-    max_steps: int = attrs.field(default=400, validator=_at_least_one)
+    first_step: float = attrs.field(default=0.25, validator=bounded(above=0.0, most=1.0))
+    smallest_step: float = attrs.field(default=1e-5, validator=bounded(above=0.0, most=1.0))
+    max_steps: int = attrs.field(default=400, validator=bounded(least=1.0))
 
 
 @attrs.frozen(eq=False)

@@ -13,7 +13,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from ..checks import Array, choice, number
+from ..checks import Array, bounded, choice
 from ..transcription.nlp import Nlp
 
 if TYPE_CHECKING:
@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 
 
 LOCK = threading.RLock()  # IPOPT's linear solver is one for the process and not safe in threads
-
-
-def _positive(method: Ipopt, field: attrs.Attribute[Any], value: Any) -> None:
-    number(value, f"{type(method).__name__}.{field.name}", above=0.0)
 
 
 def _start(_: Ipopt, field: attrs.Attribute[Any], value: Any) -> None:
@@ -51,8 +47,8 @@ class Ipopt:
         formulation, which is at home there, homotopy for the equilibrium formulation, which is not.
     """
 
-    tolerance: float = attrs.field(default=1e-10, validator=_positive)
-    max_iterations: int = attrs.field(default=100, validator=_positive)
+    tolerance: float = attrs.field(default=1e-10, validator=bounded(above=0.0))
+    max_iterations: int = attrs.field(default=100, validator=bounded(above=0.0))
     start: str | None = attrs.field(default=None, validator=_start)
 
 

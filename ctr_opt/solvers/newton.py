@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import attrs
 import numpy as np
 
-from ..checks import Array, number
-from ..transcription.linear import NEGLIGIBLE, newton_correction
+from ..checks import Array, bounded
+from ..transcription.closure import NEGLIGIBLE, newton_correction
 
 
 class System(Protocol):
@@ -21,10 +21,7 @@ class System(Protocol):
 
 _ROUNDING = 1e-13  # a correction below, relative to the unknowns, changes nothing but rounding errors ...
 _ROUNDED = 1e-6  # ... which a flexible robot amplifies to residuals up to this
-
-
-def _positive(method: Newton, field: attrs.Attribute[Any], value: Any) -> None:
-    number(value, f"{type(method).__name__}.{field.name}", above=0.0)
+_POSITIVE = bounded(above=0.0)
 
 
 @attrs.frozen
@@ -44,10 +41,10 @@ class Newton:
         Singular values of the Jacobian below are taken for zero, and no step is made in their directions.
     """
 
-    max_iterations: int = attrs.field(default=30, validator=_positive)
-    contraction: float = attrs.field(default=1.0, validator=_positive)
-    shortest_step: float = attrs.field(default=1e-3, validator=_positive)
-    negligible: float = attrs.field(default=NEGLIGIBLE, validator=_positive)
+    max_iterations: int = attrs.field(default=30, validator=_POSITIVE)
+    contraction: float = attrs.field(default=1.0, validator=_POSITIVE)
+    shortest_step: float = attrs.field(default=1e-3, validator=_POSITIVE)
+    negligible: float = attrs.field(default=NEGLIGIBLE, validator=_POSITIVE)
 
 
 @attrs.frozen(eq=False)

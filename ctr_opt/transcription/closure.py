@@ -13,8 +13,22 @@ import numpy as np
 from ..checks import Array
 from ..mechanics import boundary
 from ..mechanics.state import State
-from .linear import newton_correction
-from .shooting import Nodes, Shooting
+from .shooting import NodeStates, Shooting
+
+NEGLIGIBLE = 1e-8
+"""Singular values below are directions in which nothing is determined; a straight, unloaded robot's are about 1."""
+
+
+def newton_correction(jacobian: Array, residual: Array, negligible: float = NEGLIGIBLE) -> Array:
+    """The shortest ``dz`` with ``jacobian dz = -residual``.
+
+    Where a family of equilibria exists (a buckled straight rod may lie in any plane) the Jacobian is singular along
+    it, and the shortest correction leaves the family alone.
+    """
+    left, values, right = np.linalg.svd(jacobian)
+    kept = values > max(negligible, float(np.finfo(float).eps) * values[0])
+    inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+    return np.asarray(-right.T @ (inverse * (left.T @ residual)))
 
 
 @attrs.frozen(eq=False)
@@ -30,11 +44,11 @@ class Closure:
     jacobian: Array
 
 
-def close(shooting: Shooting, z: Array, nodes: Nodes, ends: Array) -> Closure:
+def close(shooting: Shooting, z: Array, nodes: NodeStates, ends: Array) -> Closure:
     """The correction that closes the gaps, to first order; exact steps from the nodes end at ``ends (size, k)``."""
     functions, tubes = shooting.functions, shooting.configuration.tube_count
     right = np.column_stack((nodes.right, nodes.tip))
-    gaps = functions.many(functions.jumped, ends, shooting.columns)[0] - right[:, 1:]
+    gaps = functions.many("jumped", ends, shooting.columns)[0] - right[:, 1:]
     start, slope = functions.start(z, shooting.entry)
     free = np.zeros((State.size(tubes), 5 + tubes))
     free[:, : functions.unknowns] = slope.full()

@@ -16,37 +16,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import Array
-from ..layout.columns import EntryColumn, StepColumns
-from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.kind import Kind
+from ..mechanics.kind import Kind, shared_by_kind
 from ..mechanics.law import Stiffness
 from ..mechanics.so3 import quaternion_rate
 from ..mechanics.state import State, state_names
-from .guess import Guess
-from .integrators import runge_kutta
-from .nlp import Nlp, NlpBuilder, padded
-from .problem import TranscribedProblem
-from .schemes import Collocation, Transcription, interpolation, tableau
-from .sharing import shared_by_kind
-from .shooting import Nodes
+from .nlp import Nlp
+from .problem import Guess, TranscribedProblem, TranscribedProgram
+from .schemes import Tableau, Transcription, interpolation, tableau
+from .shooting import NodeStates
 
 
-class EnergyProgram:
-    """The program for a number of tubes and steps and a kind of loads; its numbers come from columns of data."""
+class EnergyProgram(TranscribedProgram):
+    """The program of minimum energy."""
+
+    points: Tableau
 
     def __init__(self, tubes: int, transcription: Transcription, integrator: str, kind: Kind, steps: int) -> None:
-        self.tubes, self.transcription, self.steps = tubes, transcription, steps
-        self.integrator = runge_kutta(integrator)
-        if isinstance(transcription, Collocation):
-            self.points = tableau(transcription.degree, transcription.scheme)
-            self.data_nodes, self.data_weights = self.points.nodes, self.points.weights
-        else:
-            self.points = tableau(transcription.degree or (self.integrator.order + 1) // 2)
-            self.data_nodes, self.data_weights = self.integrator.nodes, self.integrator.weights
+        super().__init__(tubes, transcription, integrator, kind, steps)
+        self.points = self.collocation or tableau(transcription.degree or (self.integrator.order + 1) // 2)
         self.degree = len(self.points.nodes)
-        self.columns = StepColumns(tubes, len(self.data_nodes), kind)
-        self.entry = EntryColumn(tubes, kind)
         self.states = 7 + tubes
         self.controls = 2 + tubes
         self.nlp = self._build()
@@ -56,12 +45,10 @@ class EnergyProgram:
         states = state_names(self.tubes)[: self.states]
         controls = ["u_x", "u_y", *(f"u_{i},z" for i in range(self.tubes))]
         at_points = [f"point {j}, {name}" for j in range(self.degree) for name in states]
-        builder = NlpBuilder()
-        columns = builder.parameter("columns", self.columns.size, self.steps)
-        entry = builder.parameter("entry", self.entry.size)
+        builder, columns, entry = self.begun()
         twist = builder.variable("transmission", [f"v_{i}" for i in range(self.tubes)])
         y = builder.variable("state", states, self.steps + 1)
-        inner = [builder.variable("inner state", at_points, self.steps)] if self.collocates else []
+        inner = [builder.variable("inner state", at_points, self.steps)] if self.collocation else []
         rows = [f"point {j}, {name}" for j in range(self.degree) for name in controls]
         w = builder.variable("curvature", rows, self.steps)
         begin = self.entry.entry(entry)
@@ -74,16 +61,11 @@ class EnergyProgram:
         here = self.entry.point_energy(entry, y[:3, 0])  # of the state, so that its multiplier is n(0-)
         return builder.build(ca.sum2(energies) + 0.5 * ca.sumsqr(twist) + here)
 
-    @property
-    def collocates(self) -> bool:
-        """Whether states at inner points are variables."""
-        return isinstance(self.transcription, Collocation)
-
     def _step(self) -> ca.Function:
         """One step: defects of the inner states, if there are any, and of the end, and the step's part of ``Pi``."""
         y, end = ca.SX.sym("y", self.states), ca.SX.sym("end", self.states)
         w, column = ca.SX.sym("w", self.controls, self.degree), ca.SX.sym("column", self.columns.size)
-        if self.collocates:
+        if self.collocation:
             inner = ca.SX.sym("inner", self.states, self.degree)
             defects, arrival, energy = self._collocation_step(y, inner, w, column)
             given, results = [y, ca.vec(inner), ca.vec(w), end, column], [ca.vec(defects)]
@@ -133,23 +115,11 @@ class EnergyProgram:
         return np.concatenate([variables[name].indices.ravel(order="F") for name in ("transmission", "curvature")])
 
 
-energy_program = shared_by_kind(EnergyProgram, most=32)
-"""The program for ``(tubes, transcription, integrator, kind, steps)``, shared by all problems of its size."""
-
-
 class EnergyProblem(TranscribedProblem):
     """The energy of a configuration on a mesh, ready for numbers; dimensionless."""
 
     program: EnergyProgram
-
-    def __init__(
-        self, configuration: Configuration, mesh: Array, transcription: Transcription, integrator: str = "RK8"
-    ) -> None:
-        if isinstance(transcription, Collocation):
-            integrator = "RK8"  # not used
-        tubes, steps = configuration.tube_count, padded(len(mesh))
-        program = energy_program(tubes, transcription, integrator, configuration.kind, steps)
-        super().__init__(configuration, mesh, program)
+    programs = shared_by_kind(EnergyProgram, most=32)
 
     def under(self, factor: float) -> EnergyProblem:
         """The same problem with all loads multiplied."""
@@ -178,7 +148,7 @@ class EnergyProblem(TranscribedProblem):
         metric[lengths == 0.0] = 1.0
         return np.concatenate((np.ones(self.configuration.tube_count), metric.ravel()))
 
-    def recover(self, x: Array, multipliers: Array) -> tuple[Nodes, Array]:
+    def recover(self, x: Array, multipliers: Array) -> tuple[NodeStates, Array]:
         """Full states at the mesh's nodes out of a solution, and the boundary unknowns ``z``.
 
         The multipliers of the states' equations are ``-n`` for the position, ``-tau_i`` for the angles and, for the
@@ -198,4 +168,4 @@ class EnergyProblem(TranscribedProblem):
         z = [left[parts["bending"], 0], left[parts["torsion"], 0]]
         if self.configuration.kind.live:
             z.append(left[parts["force"], 0] - self._entry[self.program.entry.parts["force"]])
-        return Nodes(right[:, :count], left[:, 1:], right[:, count]), np.concatenate(z)
+        return NodeStates(right[:, :count], left[:, 1:], right[:, count]), np.concatenate(z)

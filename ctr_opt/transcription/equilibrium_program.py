@@ -11,40 +11,28 @@ from typing import Any
 import casadi as ca
 
 from ..checks import Array
-from ..layout.columns import StepColumns
-from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.kind import Kind
+from ..mechanics.kind import Kind, shared_by_kind
 from ..mechanics.state import State, state_names
-from .guess import Guess
-from .nlp import Nlp, NlpBuilder, padded
-from .problem import TranscribedProblem
-from .schemes import Collocation, Tableau, Transcription, tableau
-from .sharing import shared_by_kind
-from .shooting import Nodes, shooting_functions
+from .nlp import Nlp
+from .problem import Guess, TranscribedProblem, TranscribedProgram
+from .schemes import Tableau, Transcription
+from .shooting import NodeStates, shooting_functions
 
 
-class EquilibriumProgram:
-    """The system for a number of tubes and steps and a kind of loads; its numbers come from columns of data."""
+class EquilibriumProgram(TranscribedProgram):
+    """The square system of the Cosserat equations."""
 
     def __init__(self, tubes: int, transcription: Transcription, integrator: str, kind: Kind, steps: int) -> None:
-        self.tubes, self.steps = tubes, steps
+        super().__init__(tubes, transcription, integrator, kind, steps)
+        self.points = self.collocation
         self.shooting = shooting_functions(tubes, integrator, kind)
-        self.points: Tableau | None = None
-        if isinstance(transcription, Collocation):
-            self.points = tableau(transcription.degree, transcription.scheme)
-        data = self.shooting.integrator if self.points is None else self.points
-        self.data_nodes, self.data_weights = data.nodes, data.weights
-        self.columns = StepColumns(tubes, len(self.data_nodes), kind)
-        self.entry = self.shooting.entry
         self.step = self.shooting.step if self.points is None else self._collocation_step(self.points)
         self.nlp = self._build()
 
     def _build(self) -> Nlp:
         names = state_names(self.tubes)
-        builder = NlpBuilder()
-        columns = builder.parameter("columns", self.columns.size, self.steps)
-        entry = builder.parameter("entry", self.entry.size)
+        builder, columns, entry = self.begun()
         tip_names = [names[row] for row in self.shooting.tip_rows]
         z = builder.variable("entry unknowns", tip_names)
         x = builder.variable("state", names, self.steps + 1)
@@ -78,21 +66,11 @@ class EquilibriumProgram:
         return ca.Function("collocation_step", [x, ca.vec(inner), column], [ca.vec(defects), after, before])
 
 
-equilibrium_program = shared_by_kind(EquilibriumProgram, most=32)
-"""The system for ``(tubes, transcription, integrator, kind, steps)``, shared by all problems of its size."""
-
-
 class EquilibriumProblem(TranscribedProblem):
     """The boundary-value problem of a configuration on a mesh, ready for numbers; dimensionless."""
 
     program: EquilibriumProgram
-
-    def __init__(
-        self, configuration: Configuration, mesh: Array, transcription: Transcription, integrator: str = "RK8"
-    ) -> None:
-        tubes, steps = configuration.tube_count, padded(len(mesh))
-        program = equilibrium_program(tubes, transcription, integrator, configuration.kind, steps)
-        super().__init__(configuration, mesh, program)
+    programs = shared_by_kind(EquilibriumProgram, most=32)
 
     def _blocks(self, start: Guess) -> dict[str, Array]:
         z = start.nodes[self.program.shooting.tip_rows, 0]
@@ -100,7 +78,7 @@ class EquilibriumProblem(TranscribedProblem):
             z[-3:] -= self._entry[self.program.entry.parts["force"]]
         return {"entry unknowns": z, "state": start.nodes, "inner state": start.inner}
 
-    def recover(self, x: Array) -> tuple[Nodes, Array]:
+    def recover(self, x: Array) -> tuple[NodeStates, Array]:
         """The states at the mesh's nodes out of a solution, and the unknowns ``z`` at the entry point."""
         variables, count = self.program.nlp.variables, len(self.mesh)
         states = variables["state"].take(x)
@@ -108,4 +86,5 @@ class EquilibriumProblem(TranscribedProblem):
         if self.program.points is not None:
             given.insert(1, variables["inner state"].take(x))
         before = self.program.step.map(self.program.steps)(*given)[-1].full()
-        return Nodes(states[:, :count], before[:, :count], states[:, count]), variables["entry unknowns"].take(x)[:, 0]
+        z = variables["entry unknowns"].take(x)[:, 0]
+        return NodeStates(states[:, :count], before[:, :count], states[:, count]), z

@@ -13,11 +13,10 @@ import casadi as ca
 
 from ..layout.columns import StepColumns
 from ..mechanics import rod
-from ..mechanics.kind import Kind
+from ..mechanics.kind import Kind, shared_by_kind
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
 from .integrators import RungeKutta, runge_kutta
-from .sharing import shared_by_kind
 
 
 class IntegralFunctions:

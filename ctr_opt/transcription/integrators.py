@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 
 from ..checks import Array
-from ..mechanics.symbols import SymT
+from ..mechanics.so3 import SymT
 
 
 @attrs.frozen(eq=False)

@@ -16,11 +16,10 @@ from typing import Any
 
 import casadi as ca
 
-from ..mechanics.kind import Kind
+from ..mechanics.kind import Kind, built_once, shared_by_kind
 from ..mechanics.law import Stiffness
 from ..mechanics.so3 import turn_of, turning
 from ..mechanics.state import State
-from .sharing import shared_by_kind
 from .shooting import shooting_functions
 from .small_matrices import Ldl, quarters, root_of, solved, symplectic_defect
 
@@ -46,30 +45,28 @@ class SecondVariationFunctions:
         self.transfer = self._transfer()
         self.eliminate = self._eliminate()
         self.entry = self._entry()
-        self._counts: dict[int, ca.Function] = {}
 
+    @built_once
     def count(self, steps: int) -> ca.Function:
         """``(states, columns, compliance, least) -> (negative, not_positive, doubtful, margin)`` over so many steps.
 
         How many eigenvalues of (second variation, elastic part) are below ``-margin`` and below ``margin``, which is
         ``least`` or the largest defect of a step; ``doubtful (1, steps)`` is not zero where a step must be cut.
         """
-        if steps not in self._counts:
-            states = ca.MX.sym("states", State.size(self.tubes), steps)
-            columns = ca.MX.sym("columns", self.shooting.columns.size, steps)
-            compliance, least = ca.MX.sym("compliance", self.tubes), ca.MX.sym("least")
-            *data, doubtful, defect = self.transfer.map(steps)(states, columns)
-            margin = ca.fmax(least, ca.mmax(defect))
-            data = [_backward(each, steps) for each in data]
-            eliminate, counts = self.eliminate.mapaccum("eliminate_all", steps), []
-            for shift in (-margin, margin):
-                w, negative, lost = eliminate(ca.MX(self.size, self.size), *data, ca.repmat(shift, 1, steps))
-                counts.append(ca.sum2(negative) + self.entry(w[:, -self.size :], compliance, shift))
-                doubtful += _backward(lost, steps)
-            given, names = [states, columns, compliance, least], ["states", "columns", "compliance", "least"]
-            told = ["negative", "not_positive", "doubtful", "margin"]
-            self._counts[steps] = ca.Function("second_variation", given, [*counts, doubtful, margin], names, told)
-        return self._counts[steps]
+        states = ca.MX.sym("states", State.size(self.tubes), steps)
+        columns = ca.MX.sym("columns", self.shooting.columns.size, steps)
+        compliance, least = ca.MX.sym("compliance", self.tubes), ca.MX.sym("least")
+        *data, doubtful, defect = self.transfer.map(steps)(states, columns)
+        margin = ca.fmax(least, ca.mmax(defect))
+        data = [_backward(each, steps) for each in data]
+        eliminate, counts = self.eliminate.mapaccum("eliminate_all", steps), []
+        for shift in (-margin, margin):
+            w, negative, lost = eliminate(ca.MX(self.size, self.size), *data, ca.repmat(shift, 1, steps))
+            counts.append(ca.sum2(negative) + self.entry(w[:, -self.size :], compliance, shift))
+            doubtful += _backward(lost, steps)
+        given, names = [states, columns, compliance, least], ["states", "columns", "compliance", "least"]
+        told = ["negative", "not_positive", "doubtful", "margin"]
+        return ca.Function("second_variation", given, [*counts, doubtful, margin], names, told)
 
     # -- symplectic coordinates ------------------------------------------------------------------------------------
 
@@ -111,7 +108,7 @@ class SecondVariationFunctions:
     def _transfer(self) -> ca.Function:
         """In MX around the functions in SX, as writing the step out once more would cost more than calls do."""
         x, column = ca.MX.sym("x", State.size(self.tubes)), ca.MX.sym("column", self.shooting.columns.size)
-        step = self.shooting._linear_step(2 * self.size)
+        step = self.shooting.linear_step(2 * self.size)
         names = ["T", "H", "flexibility", "doubtful", "defect"]
         results = self.told.call([step(self.directions(x), column), column])
         return ca.Function("transfer", [x, column], results, ["x", "column"], names)

@@ -15,7 +15,7 @@ from ..layout.columns import StepColumns
 from ..layout.configuration import Configuration, LoadValues
 from ..loads.field import Field, parted
 from ..mechanics.state import State, state_scales
-from .shooting import Nodes, ShootingFunctions, shooting_functions
+from .shooting import NodeStates, ShootingFunctions, shooting_functions
 from .stability import SecondVariation, second_variation, smallest_eigenvalue
 
 _QUADRATURE = 6  # Gauss points a step for energies: exact to the accuracy of the steps themselves
@@ -40,7 +40,7 @@ class Values:
 class Shape:
     """States at the nodes, carried on from the node at the left by one step of the integrator."""
 
-    def __init__(self, configuration: Configuration, mesh: Array, nodes: Nodes, integrator: str = "RK8") -> None:
+    def __init__(self, configuration: Configuration, mesh: Array, nodes: NodeStates, integrator: str = "RK8") -> None:
         self.configuration = configuration
         self.mesh = mesh
         self.nodes = nodes
@@ -79,12 +79,12 @@ class Shape:
         starts, ends = self.mesh[:, 0], self.mesh[:, 1]
         pieces, middle = np.column_stack((starts[step], s)), self.mesh.mean(axis=1)[step]
         columns = self.functions.columns.pack(self.configuration, pieces, self.functions.integrator.nodes, middle)
-        _, before = self.functions.many(self.functions.step, self.nodes.right[:, step], columns)
+        _, before = self.functions.many("step", self.nodes.right[:, step], columns)
         states = np.where(s == starts[step], self.nodes.right[:, step], before)
         states = np.where(s == ends[step], self.nodes.left[:, step], states)
         layout = StepColumns(self.configuration.tube_count, 1, self.configuration.kind)
         local = layout.pack(self.configuration, pieces, np.ones(1), middle)
-        bent, twisted, moments, energy = self.functions.many(self.functions.local, states, local)
+        bent, twisted, moments, energy = self.functions.many("local", states, local)
         scales, tubes = self.configuration.scales, self.configuration.tube_count
         return Values(
             s,

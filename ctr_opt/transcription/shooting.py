@@ -21,17 +21,11 @@ from ..checks import Array
 from ..layout.columns import EntryColumn, StepColumns
 from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.kind import DEAD, Kind
+from ..mechanics.kind import DEAD, Kind, built_once, shared_by_kind
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
 from .integrators import RungeKutta, runge_kutta
 from .nlp import padded
-from .sharing import shared_by_kind
-
-
-def unknowns(tubes: int, kind: Kind) -> int:
-    """How many numbers at the entry point are unknown: ``m_xy``, ``tau_i`` and, if loads are live, ``n``."""
-    return len(boundary.tip_rows(tubes, kind.live))
 
 
 class ShootingFunctions:
@@ -43,11 +37,7 @@ class ShootingFunctions:
         self.columns = StepColumns(tubes, len(integrator.nodes), kind)
         self.entry = EntryColumn(tubes, kind)
         self.tip_rows = boundary.tip_rows(tubes, kind.live)
-        self.unknowns = unknowns(tubes, kind)
-        self._sweeps: dict[int, ca.Function] = {}
-        self._maps: dict[tuple[str, int], ca.Function] = {}
-        self._linearized: dict[int, ca.Function] = {}
-        self._linear_steps: dict[int, ca.Function] = {}
+        self.unknowns = len(self.tip_rows)  # numbers at the entry point: m_xy, tau_i and, if loads are live, n
         x = ca.SX.sym("x", State.size(tubes))
         column = ca.SX.sym("column", self.columns.size)
         before, after = self._step(x, column)
@@ -77,10 +67,9 @@ class ShootingFunctions:
         state = State.split(before, self.tubes)
         return before, boundary.jump(state, *self.columns.point_load(column, state)).joined()
 
-    def _linear_step(self, directions: int) -> ca.Function:
+    @built_once
+    def linear_step(self, directions: int) -> ca.Function:
         """``(x and directions in its space, column) -> (the state behind the step, the directions there)``."""
-        if directions in self._linear_steps:
-            return self._linear_steps[directions]
         size = State.size(self.tubes)
         both, column = ca.SX.sym("both", size, 1 + directions), ca.SX.sym("column", self.columns.size)
 
@@ -93,8 +82,7 @@ class ShootingFunctions:
 
         rates, jumped = with_directions(self.rates), with_directions(self.jumped)
         before = self.integrator.step(lambda inner, j: rates(inner, self.columns.node(column, j)), both, column[0])
-        self._linear_steps[directions] = ca.Function("linear_step", [both, column], [jumped(before, column)])
-        return self._linear_steps[directions]
+        return ca.Function("linear_step", [both, column], [jumped(before, column)])
 
     def _entered(self, z: Any, entry: Any) -> State[Any]:
         tubes = self.tubes
@@ -113,58 +101,62 @@ class ShootingFunctions:
         moment = ca.vertcat(state.bending, ca.sum1(state.torsion))
         return ca.Function("support", [z, entry], [state.force, rotation_matrix(state.orientation) @ moment])
 
+    def _swept(self, count: int) -> tuple[Any, Any, Any]:
+        """Symbols of the unknowns, the entry and the columns of so many steps."""
+        z, entry = ca.MX.sym("z", self.unknowns), ca.MX.sym("entry", self.entry.size)
+        return z, entry, ca.MX.sym("columns", self.columns.size, count)
+
+    @built_once
     def sweep(self, count: int) -> ca.Function:
         """``(z, entry, columns) -> (states behind each step, before its point load)``."""
-        if count not in self._sweeps:
-            z, entry = ca.MX.sym("z", self.unknowns), ca.MX.sym("entry", self.entry.size)
-            columns = ca.MX.sym("columns", self.columns.size, count)
-            start, _ = self.start(z, entry)
-            after, before = self.step.mapaccum("sweep", count)(start, columns)
-            self._sweeps[count] = ca.Function("sweep", [z, entry, columns], [start, after, before])
-        return self._sweeps[count]
+        z, entry, columns = self._swept(count)
+        start, _ = self.start(z, entry)
+        after, before = self.step.mapaccum("sweep", count)(start, columns)
+        return ca.Function("sweep", [z, entry, columns], [start, after, before])
 
-    def many(self, function: ca.Function, states: Array, columns: Array) -> tuple[Array, ...]:
-        """A function of ``(state, column)`` at many points at once, ``(size, k)`` each."""
+    @built_once
+    def linearized(self, count: int) -> ca.Function:
+        """``(z, entry, columns) -> (residual, its Jacobian)``."""
+        z, entry, columns = self._swept(count)
+        start, slope = self.start(z, entry)
+        sweep = self.linear_step(self.unknowns).mapaccum("linear_sweep", count)
+        everything = sweep(ca.horzcat(start, slope), columns)
+        last = everything[:, -(1 + self.unknowns) :]
+        rows = last[self.tip_rows, :]
+        return ca.Function("linearized", [z, entry, columns], [rows[:, 0], rows[:, 1:]])
+
+    @built_once
+    def _map(self, name: str, count: int) -> ca.Function:
+        function: ca.Function = getattr(self, name)
+        return function.map(count)
+
+    def many(self, name: str, states: Array, columns: Array) -> tuple[Array, ...]:
+        """The function of ``(state, column)`` of that name at many points at once, ``(size, k)`` each."""
         points = states.shape[1]
-        key = (function.name(), padded(points))
-        if key not in self._maps:
-            self._maps[key] = function.map(key[1])
-        extra = ((0, 0), (0, key[1] - points))
-        results = self._maps[key](np.pad(states, extra, mode="edge"), np.pad(columns, extra, mode="edge"))
+        count = padded(points)
+        extra = ((0, 0), (0, count - points))
+        results = self._map(name, count)(np.pad(states, extra, mode="edge"), np.pad(columns, extra, mode="edge"))
         return tuple(result.full()[:, :points] for result in (results if isinstance(results, tuple) else (results,)))
+
+    @built_once
+    def _carry(self, width: int, count: int) -> ca.Function:
+        size = State.size(self.tubes)
+        directions, x, gap = ca.SX.sym("directions", size, width), ca.SX.sym("x", size), ca.SX.sym("gap", size)
+        column = ca.SX.sym("column", self.columns.size)
+        carried = self.linear_step(width)(ca.horzcat(x, directions), column)[:, 1:]
+        carried[:, -1] += gap
+        return ca.Function("carry", [directions, x, column, gap], [carried]).mapaccum("carry", count)
 
     def carry(self, first: Array, states: Array, columns: Array, gaps: Array) -> list[Array]:
         """``first (size, 6 + tubes)`` carried along by the linearized steps from ``states (size, k)``.
 
         The last column collects the ``gaps (size, k)`` on the way. One matrix for each node, ``k + 1`` in all.
         """
-        count = states.shape[1]
-        size = padded(count)
-        if ("carry", size) not in self._maps:
-            rows, width = first.shape
-            directions, x, gap = ca.SX.sym("directions", rows, width), ca.SX.sym("x", rows), ca.SX.sym("gap", rows)
-            column = ca.SX.sym("column", self.columns.size)
-            carried = self._linear_step(width)(ca.horzcat(x, directions), column)[:, 1:]
-            carried[:, -1] += gap
-            carry = ca.Function("carry", [directions, x, column, gap], [carried])
-            self._maps["carry", size] = carry.mapaccum("carry", size)
-        rest = ((0, 0), (0, size - count))
-        padding = [np.pad(each, rest, mode="edge") for each in (states, columns, gaps)]
-        found = self._maps["carry", size](first, *padding).full()[:, : count * first.shape[1]]
-        return [first, *np.split(found, count, axis=1)]
-
-    def linearized(self, count: int) -> ca.Function:
-        """``(z, entry, columns) -> (residual, its Jacobian)``."""
-        if count not in self._linearized:
-            z, entry = ca.MX.sym("z", self.unknowns), ca.MX.sym("entry", self.entry.size)
-            columns = ca.MX.sym("columns", self.columns.size, count)
-            start, slope = self.start(z, entry)
-            sweep = self._linear_step(self.unknowns).mapaccum("linear_sweep", count)
-            everything = sweep(ca.horzcat(start, slope), columns)
-            last = everything[:, -(1 + self.unknowns) :]
-            rows = last[self.tip_rows, :]
-            self._linearized[count] = ca.Function("linearized", [z, entry, columns], [rows[:, 0], rows[:, 1:]])
-        return self._linearized[count]
+        steps, width = states.shape[1], first.shape[1]
+        count = padded(steps)
+        padding = [np.pad(each, ((0, 0), (0, count - steps)), mode="edge") for each in (states, columns, gaps)]
+        carried = self._carry(width, count)(first, *padding).full()[:, : steps * width]
+        return [first, *np.split(carried, steps, axis=1)]
 
 
 _shared = shared_by_kind(ShootingFunctions, most=64)
@@ -184,7 +176,7 @@ def cut(mesh: Array, parts: NDArray[np.intp]) -> Array:
 
 
 @attrs.frozen(eq=False)
-class Nodes:
+class NodeStates:
     """Dimensionless states: ``right (size, k)`` where steps begin, ``left`` where they end, and behind the ``tip``."""
 
     right: Array
@@ -236,7 +228,7 @@ class Shooting:
 
     def advance(self, states: Array, first: int) -> Array:
         """States at the ends of every other step, the ``first`` of them 0 or 1, from those at their beginnings."""
-        _, before = self.functions.many(self.functions.step, states, self._columns[:, first : len(self.mesh) : 2])
+        _, before = self.functions.many("step", states, self._columns[:, first : len(self.mesh) : 2])
         return before
 
     def linearize(self, z: Array) -> tuple[Array, Array]:
@@ -249,10 +241,10 @@ class Shooting:
         """The state right of ``s = 0``."""
         return np.asarray(self.functions.start(z, self.entry)[0].full()[:, 0])
 
-    def sweep(self, z: Array) -> tuple[Nodes, Array]:
+    def sweep(self, z: Array) -> tuple[NodeStates, Array]:
         """The states at the mesh's nodes, and the boundary residual."""
         start, after, before = self.functions.sweep(self._columns.shape[1])(z, self.entry, self._columns)
         right = np.hstack((start.full(), after.full()))
         count = len(self.mesh)
-        nodes = Nodes(right[:, :count], before.full()[:, :count], right[:, count])
+        nodes = NodeStates(right[:, :count], before.full()[:, :count], right[:, count])
         return nodes, nodes.tip[self.functions.tip_rows]

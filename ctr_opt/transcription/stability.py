@@ -90,5 +90,5 @@ def _halved(shooting: Shooting, states: Array, which: NDArray[np.bool_]) -> tupl
     inner = np.empty((len(states), parts.sum()))
     inner[:, starts] = states
     first = starts[which]
-    inner[:, first + 1], _ = finer.functions.many(finer.functions.step, states[:, which], finer.columns[:, first])
+    inner[:, first + 1], _ = finer.functions.many("step", states[:, which], finer.columns[:, first])
     return finer, inner

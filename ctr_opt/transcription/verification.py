@@ -30,7 +30,7 @@ def integrate(configuration: Configuration, mesh: Array, right: Array) -> tuple[
     def rates(t: float, states: Array) -> Array:
         pieces = np.column_stack((start, start + t * lengths))
         columns = layout.pack(configuration, pieces, np.ones(1), middle)
-        (slopes,) = functions.many(functions.rates, states.reshape(right.shape), columns)
+        (slopes,) = functions.many("rates", states.reshape(right.shape), columns)
         return np.asarray((slopes * (lengths / configuration.length)).ravel())
 
     longest = _LONGEST if configuration.kind.fields else np.inf

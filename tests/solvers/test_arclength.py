@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ctr_opt.forward.continuation import Imperfect
+from ctr_opt.forward.continuation import imperfect
 from ctr_opt.solvers.arclength import trace_around
 from ctr_opt.solvers.homotopy import Homotopy, trace
 
@@ -48,7 +48,7 @@ def test_a_bifurcation_is_not_run_over():
 
 
 def test_an_imperfection_leads_onto_a_branch_of_the_perfect_system():
-    found = trace_around(Imperfect(pitchfork, 1).at, np.zeros(1), TOLERANCE, Homotopy())
+    found = trace_around(imperfect(pitchfork, 1), np.zeros(1), TOLERANCE, Homotopy())
     assert found.complete
     assert abs(found.solution.z[0]) == pytest.approx(1.0, abs=1e-9)
 

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 import ctr_opt as ctr
-from ctr_opt.solvers.inertia import reduced_inertia
+from ctr_opt.solvers.minimum import reduced_inertia
 from ctr_opt.transcription.energy import EnergyProblem
 
 MOST = 6  # eigenvalues that the inertia of the reduced Hessian tells
@@ -29,7 +29,7 @@ def energy_inertia(result, transcription=None):
     """Inertia at the stationary point of the transcribed energy that Newton's method finds beside the shape."""
     problem = EnergyProblem(result.configuration, result.shape.mesh, transcription or ctr.Collocation())
     nlp, p, kkt = problem.program.nlp, problem.parameters, _kkt(problem.program.nlp)
-    x, multipliers = problem.like(result.shape), np.zeros(nlp.g.numel())
+    x, multipliers = problem.guess(result.shape), np.zeros(nlp.g.numel())
     free = problem.program.free
     for k in range(6):
         H, A, g, c = kkt(x, p, multipliers)

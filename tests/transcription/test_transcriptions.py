@@ -62,7 +62,7 @@ def tips(make, loads, transcription, integrator, problem, parts):
             tip = shooting.sweep(solution.z)[0].tip[:3]
         else:
             program = problem(configuration, steps, transcription, integrator)
-            point = IpoptSolver(program.program.nlp, Ipopt()).solve(program.like(exact.shape), program.parameters)
+            point = IpoptSolver(program.program.nlp, Ipopt()).solve(program.guess(exact.shape), program.parameters)
             assert point.converged
             given = (point.x, point.multipliers) if problem is EnergyProblem else (point.x,)
             tip = program.recover(*given)[0].tip[:3]
