@@ -94,9 +94,10 @@ class CompiledProblem:
         scales = configuration.scales
         unknowns = initial.base.unknowns(scales, configuration.kind.live)
         parts = self.sizes.start
-        block = np.zeros(parts["units"].stop)
+        block = np.zeros(parts["rotations"].stop)
         block[parts["unknowns"]], block[parts["jacobian"]] = unknowns, jacobian.ravel()
         block[parts["units"]] = scales.moment, scales.force
+        block[parts["rotations"]] = initial.actuation.rotations
         self._mine.block = block  # kept until the solve is over
         return int(block.ctypes.data)
 

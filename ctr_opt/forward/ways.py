@@ -290,6 +290,14 @@ def _far_along(run: Run, failures: list[Failed]) -> bool:
     return run.settings.formulation == "automatic" and not hopeless
 
 
+def _within_half_a_turn(run: Run, _: list[Failed]) -> bool:
+    """Whole turns of a tube in another leave the Jacobian as it is: of larger steps it cannot tell the branch."""
+    initial = run.initial
+    assert initial is not None
+    turned = run.configuration.actuation.rotations - initial.actuation.rotations
+    return initial.shape is None or bool(np.ptp(turned) <= np.pi)
+
+
 COLD = (
     Way("homotopy", _homotopy(("homotopy", _WHOLE))),
     Way("minimum energy", _by_energy, _with_potential),
@@ -304,6 +312,9 @@ COLD = (
     ),
 )
 NEWTON = (Way("newton", _by_newton),)
-FROM_INITIAL = (Way("newton from initial", _newton_from_initial), Way("continuation from initial", _continued))
+FROM_INITIAL = (
+    Way("newton from initial", _newton_from_initial, _within_half_a_turn),
+    Way("continuation from initial", _continued),
+)
 ENERGY = (Way("minimum energy", _minimum_energy),)
 TRANSCRIBED = (Way("transcription", _transcribed),)

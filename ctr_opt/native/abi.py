@@ -136,24 +136,25 @@ FUNCTIONS = {
 class Sizes:
     """Sizes of states and results of a library, ``NX`` and ``NZ`` in C."""
 
+    tubes: int
     states: int
     unknowns: int
 
     @classmethod
     def of(cls, tubes: int, kind: Kind) -> Sizes:
         """Those of a number of tubes and a kind."""
-        return cls(State.size(tubes), len(tip_rows(tubes, kind.live)))
+        return cls(tubes, State.size(tubes), len(tip_rows(tubes, kind.live)))
 
     @cached_property
     def start(self) -> dict[str, slice]:
-        """What a solve may start from: unknowns, their Jacobian and the tip conditions there by RK4, units."""
+        """What a solve may start from: unknowns, Jacobian and tip conditions there by RK4, units, and its rotations."""
         k = self.unknowns
-        return slices({"unknowns": k, "jacobian": k * k, "conditions": k, "units": 2})
+        return slices({"unknowns": k, "jacobian": k * k, "conditions": k, "units": 2, "rotations": self.tubes})
 
     @cached_property
     def _blocks(self) -> dict[str, tuple[int, int]]:
         """Where the blocks of a result begin: ``a + b steps`` numbers; states behind and before the loads at nodes."""
-        start, n = self.start["units"].stop, self.states
+        start, n = self.start["rotations"].stop, self.states
         sizes = {"head": (_HEAD, 0), "start": (start, 0), "mesh": (0, 2), "right": (n, n), "left": (0, n)}
         ends = accumulate(sizes.values(), lambda a, b: (a[0] + b[0], a[1] + b[1]), initial=(0, 0))
         return dict(zip((*sizes, "size"), ends, strict=True))

@@ -72,6 +72,7 @@ static int refine(const Case *first, double *z, double *inverse_, const Tangent 
     memcpy(out, solution.z, sizeof solution.z);
     out[START_UNITS] = moment_scale(layout);
     out[START_UNITS + 1] = force_scale(layout);
+    memcpy(out + START_ROTATIONS, layout->rotations, sizeof(double) * TUBES);
     for (long k = 0; k < n; k++) {
       mesh[2 * k] = layout->step[k].start;
       mesh[2 * k + 1] = layout->step[k].end;
@@ -81,6 +82,17 @@ static int refine(const Case *first, double *z, double *inverse_, const Tangent 
   return INACCURATE;
 }
 
+/* Whether tubes turn by more than half a turn in each other. Whole turns leave equilibrium and Jacobian as they are, so that
+   no comparison of Jacobians would see the folds that such a step passes. */
+static int turned_far(const double *from, const double *to) {
+  double least = INFINITY, most = -INFINITY;
+  for (int i = 0; i < TUBES; i++) {
+    least = fmin(least, to[i] - from[i]);
+    most = fmax(most, to[i] - from[i]);
+  }
+  return most - least > 3.141592653589793;
+}
+
 /* From an equilibrium nearby: the block `start` of its result. The change from there is found by RK4 first, as its error
    hardly changes: it leaves the same tip conditions as it did there. */
 EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation, const double *start, const Goal *goal,
@@ -88,7 +100,8 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
   empty();
   Layout layout;
   Case coarse;
-  int failed = lay_out(robot, loads, actuation, &layout);
+  int failed = turned_far(start + START_ROTATIONS, actuation) ? PERHAPS_ANOTHER_BRANCH : 0;
+  if (!failed) failed = lay_out(robot, loads, actuation, &layout);
   if (!failed) failed = pack(&layout, &RK4, &coarse);
   if (failed) return failed;
   double unit[NZ], before[NZ * NZ], left[NZ], inverse_[NZ * NZ], z[NZ];

@@ -77,6 +77,26 @@ def test_paths_without_snaps_mark_nothing(compiled):
 
 
 @by_both
+def test_whole_turns_are_no_way_past_a_fold(compiled):
+    """Newton's method would leap: turned once more, the pair has the same equilibrium with the same Jacobian."""
+    problem = pair(2.0, compiled=compiled)
+    batch = problem.solve_many(turned([100.0, 460.0, 420.0]))
+    assert batch.converged.all()
+    assert batch.snapped.tolist() == [False, True, False]
+    start = batch[0]
+    for degrees in (300.0, 410.0, 640.0, -300.0, -450.0):
+        step = problem.solve(ctr.Actuation([0.0, np.deg2rad(100.0 + degrees)], [0.0, 0.0]), initial=start, throw=False)
+        assert step.status is ctr.SolveStatus.FOLD
+        assert degrees * step.reached == pytest.approx(np.sign(degrees) * fold(2.0) - 100.0, abs=0.1)
+    both = 4.0 * np.pi + start.actuation.rotations
+    assert problem.solve(ctr.Actuation(both, [0.0, 0.0]), initial=start).path == "newton from initial"
+    moments = start.last_iterate
+    guess = problem.guess(start.actuation, bending=moments.bending, torsional=moments.torsional)  # on no branch
+    once_more = start.actuation.rotations + np.array([0.0, 2.0 * np.pi])
+    assert problem.solve(ctr.Actuation(once_more, [0.0, 0.0]), initial=guess).path == "newton from initial"
+
+
+@by_both
 def test_a_growing_load_snaps_once(compiled):
     """A lateral force at the tip of a three-tube robot: its shapes are neighbours but for one leap of 6 cm."""
     given = ctr.load_problem("problems/three_tubes/a4.toml")

@@ -23,7 +23,8 @@ class Batch(Sequence[Equilibrium]):
     snapped
         ``(k,)``, bool: rows of a chain that do not continue the branch of the row before. The robot snaps on the way
         there: a fold or a bifurcation ends the branch, and the shape is one of a cold start, which need not be the one
-        that the robot snaps to. A slice keeps its rows' marks.
+        that the robot snaps to. Rotations count in full: tubes that turn by more than half a turn in each other between
+        two rows are followed through that turn, in slower steps. A slice keeps its rows' marks.
 
     Examples
     --------
