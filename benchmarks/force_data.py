@@ -18,17 +18,17 @@ PRESSED = 15.0, 0.11, 0.035, (0.8, 0.6, 0.0)  # N/m, m, m, direction of the dist
 
 def contents(file):
     """What a problem's file says."""
-    from ctr_opt.files.force_schemas import ForceSchema
-    from ctr_opt.files.schemas import load_checked
+    from ctr_opt.files.described import read
+    from ctr_opt.files.schemas import FORCE
 
-    return load_checked(ForceSchema, tomllib.loads(file.read_text("utf-8")))
+    return read(FORCE, tomllib.loads(file.read_text("utf-8")))
 
 
 def load_of(data, length):
     """The load of a problem's truth, and for a distributed one arc lengths, m, and densities, N/m."""
     truth = data["truth"]
     if "density" not in truth:
-        place = truth.get("arc_length", data["unknown_loads"][0].get("arc_length"))
+        place = truth.get("arc_length", data["unknown"][0].get("arc_length"))
         return ctr.PointWrench(truth["force"], arc_length=None if place is None else to_m(place)), None
     most, middle, width, direction = PRESSED
     s = np.linspace(0.0, length, 200)

@@ -1,9 +1,14 @@
-"""Checks of user input: each returns the clean value or raises a one-sentence ``DefinitionError``."""
+"""Checks of user input: each returns the clean value or raises a one-sentence ``DefinitionError``.
+
+What a value must be is stated once, as an :class:`Entry`: constructors check by it, files are read by it, and reports
+take its unit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import Any, ClassVar, cast
 
 import attrs
 import numpy as np
@@ -167,3 +172,122 @@ def _first(good: Any, values: Array) -> tuple[str, float]:
 def _short(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+# -- values that are described -----------------------------------------------------------------------------------------
+
+_WORDS = ("text", "flag", "whole", "tube", "any")
+
+
+@attrs.frozen
+class Entry:
+    """What an argument, or a value in a file, must be.
+
+    Attributes
+    ----------
+    unit
+        Its SI unit, ``"1"`` for a number without one; or ``"text"``, ``"flag"``, ``"whole"``, ``"tube"``, ``"any"``.
+    shape
+        Default: a single value. None: any size.
+    scalar_too
+        Whether in files one number may stand for all.
+    above, least, most
+        The range of a number.
+    optional
+        Whether it may be None.
+    choices
+        The texts that are allowed, if not all are.
+    says
+        What messages call a list in a file.
+    """
+
+    unit: str
+    shape: tuple[int | None, ...] = ()
+    scalar_too: bool = False
+    above: float | None = None
+    least: float | None = None
+    most: float | None = None
+    optional: bool = False
+    choices: tuple[str, ...] = ()
+    says: str = "a list"
+
+    @property
+    def numeric(self) -> bool:
+        """Whether it is a number, or an array of numbers."""
+        return self.unit not in _WORDS
+
+    def checked(self, value: Any, field: str) -> Any:
+        """An argument of this name, clean."""
+        unit = self.unit if self.unit != "1" else ""
+        if value is None and self.optional:
+            return None
+        if self.unit == "tube":
+            return index(value, field)
+        if self.unit == "whole":
+            return whole(value, field, int(self.least or 0), np.inf if self.most is None else self.most)
+        if self.choices:
+            return choice(value, field, self.choices)
+        if not self.shape:
+            return number(value, field, above=self.above, least=self.least, most=self.most, unit=unit)
+        return array(value, field, self.shape, unit=unit)
+
+
+@attrs.frozen
+class Table:
+    """A table of a file with a ``kind``: its entries by name, and what makes a value of them.
+
+    A name that ends in ``?`` may be left out; entries may be tables themselves. With ``needed`` columns (SI units by
+    their names), and ``optional`` ones, the table names a CSV file: ``make`` takes their values by name, first. With
+    ``csv``, a number of columns and where entries stand in them, it may name a CSV file without a header for these.
+    """
+
+    kind: str
+    entries: Mapping[str, Any]
+    make: Callable[..., Any]
+    needed: Mapping[str, str] = attrs.field(factory=dict)
+    optional: Mapping[str, str] = attrs.field(factory=dict)
+    csv: Any = None
+
+
+def given(value: Any) -> Any:
+    """The converter of fields that :class:`Checked` checks: type checkers let callers pass what it accepts."""
+    return value
+
+
+def described(**entries: Entry) -> Mapping[str, Entry]:
+    """Entries by the names of arguments."""
+    return entries
+
+
+class Checked:
+    """A frozen value whose arguments are checked by their ``entries`` when it is made."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = ""
+    """What it is called in files; empty: it has no place in them."""
+    entries: ClassVar[Mapping[str, Entry]]
+    csv: ClassVar[Any] = None
+    """See :class:`Table`."""
+
+    def __attrs_post_init__(self) -> None:
+        for slot, field, entry in _slots(cast(Any, type(self))):
+            object.__setattr__(self, slot, entry.checked(getattr(self, slot), field))
+
+    @classmethod
+    def in_files(cls) -> dict[str, Entry]:
+        """Its entries in files: a name ends in ``?`` where there is a default."""
+        defaults = {field.alias: field.default for field in attrs.fields(cast(Any, cls))}
+        return {name + "?" * (defaults[name] is not attrs.NOTHING): entry for name, entry in cls.entries.items()}
+
+    @classmethod
+    def tables(cls) -> Sequence[Table]:
+        """The tables of files that describe it."""
+        return (Table(cls.kind, cls.in_files(), cls, csv=cls.csv),) if cls.kind else ()
+
+
+@cache
+def _slots(kind: Any) -> list[tuple[str, str, Entry]]:
+    """Where a class keeps the arguments that have entries, their names, and the entries."""
+    names = {field.alias: field.name for field in attrs.fields(kind)}
+    return [(names[field], field, entry) for field, entry in kind.entries.items()]

@@ -17,8 +17,10 @@ from ..estimation.experiment import Experiment
 from ..estimation.losses import LOSSES
 from ..estimation.measurements import COLUMNS
 from ..robot.robot import Robot
+from .described import read
 from .experiments import read_experiments
-from .problem import Problem, load_problem, load_robot
+from .problem import Problem, about, load_problem, load_robot
+from .schemas import CALIBRATION, PARAMETER
 from .text import at, read_toml
 
 
@@ -132,41 +134,44 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
     >>> len(load_calibration("problems/rjw_s1/calibration.toml").experiments)
     80
     """
-    from .schemas import CalibrationSchema, load_checked
-
     file = Path(path)
-    data = at(file, "", lambda: load_checked(CalibrationSchema, read_toml(file)))
+    data = at(file, "", lambda: read(CALIBRATION, read_toml(file)))
     robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
-    table, sigma = file.parent / data["experiments"], data["sigma"]
+    table, sigma = file.parent / data["experiments"], data.get("sigma", {})
     tubes = len(robot.tubes)
     told = {"sigma": sigma.get("position"), "direction_sigma": sigma.get("direction"), "sensor": data.get("sensor")}
     told["sigmas"] = {name: sigma[name] for name in COLUMNS if name in sigma}
     rows = read_experiments(table, tubes, **told) if measured else []
     hold_out = at(file, "", lambda: HoldOut(**data["hold_out"]) if "hold_out" in data else None)
     held = at(file, "", lambda: hold_out.of(len(rows)) if hold_out and rows else [])
-    for loss in data["losses"]:
+    losses = tuple(data.get("losses", ["squared"]))
+    for loss in losses:
         at(file, "", lambda loss=loss: choice(loss, "losses", LOSSES))  # type: ignore[misc]
     checks = tuple(
-        Check(load_problem(file.parent / each["problem"]), np.array(each["tip_position"])) for each in data["checks"]
+        Check(load_problem(file.parent / one["problem"]), np.array(one["tip_position"]))
+        for one in data.get("checks", [])
     )
     found = Calibration(
-        file,
-        data["title"],
-        robot,
-        table,
-        tuple(each for k, each in enumerate(rows) if k not in held),
-        at(file, "", lambda: tuple(e if isinstance(e, str) else Parameter(**e) for e in data["parameters"])),
-        tuple(data["losses"]),
-        sigma,
-        data.get("sensor"),
-        hold_out,
-        tuple(rows[k] for k in held),
-        checks,
-        data.get("truth", {}),
-        data.get("description", ""),
-        data["source"]["text"],
-        data["source"].get("does_not_claim", ""),
+        **about(file, data),
+        robot=robot,
+        table=table,
+        experiments=tuple(each for k, each in enumerate(rows) if k not in held),
+        parameters=tuple(_parameter(file, k, given) for k, given in enumerate(data["parameters"])),
+        losses=losses,
+        sigma=sigma,
+        sensor=data.get("sensor"),
+        hold_out=hold_out,
+        held=tuple(rows[k] for k in held),
+        checks=checks,
+        truth=data.get("truth", {}),
     )
     if measured:
         at(file, "", lambda: found.problem(found.losses[0]))
     return found
+
+
+def _parameter(file: Path, k: int, given: Any) -> str | Parameter:
+    """A name, or what a table with one says more."""
+    if isinstance(given, str):
+        return given
+    return at(file, "", lambda: Parameter(**read(PARAMETER, given, f"parameters[{k}]")))

@@ -27,8 +27,8 @@ from ..layout.observables import Distal, Place
 from ..loads.point import PointWrench
 from ..robot.actuation import Actuation
 from ..robot.names import shown
+from .columns import columns_of, read_rows, value_of
 from .text import write_atomically
-from .unit_tables import columns_of, read_rows, value_of
 
 _AXES = ("x", "y", "z")
 _QUATERNION = ("qw", "qx", "qy", "qz")
@@ -276,7 +276,7 @@ def _cells(experiment: Experiment, loaded: bool, decimals: int) -> dict[str, str
         if isinstance(measured, TangentMeasurement):
             add(_axes("direction"), measured.direction)
         for name, unit in measured.columns.items():
-            factor, written = shown(unit.replace("*", " "))
+            factor, written = shown(unit)
             add(_axes(name, f" [{written.replace(' ', '*')}]"), factor * measured.to_columns()[name])
     return cells
 

@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 import attrs
 import numpy as np
 
-from ..estimation.measurements import TABLES, Measurement
-from ..estimation.measurements.kind import Table, six
-from ..force.contact_number import Contacts
-from ..force.distributed import DistributedForce
+from ..estimation.measurements import MEASUREMENTS, Measurement
 from ..force.estimate import ForceEstimate
-from ..force.problem import ForceEstimationProblem
-from ..force.unknown import PointForce, TipForce, TipWrench, UnknownLoad
+from ..force.problem import UNKNOWN_LOADS, ForceEstimationProblem
+from ..loads import LOADS
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
-from ..robot.robot import Robot
-from .problem import load_robot, read_load, tube_index
+from .columns import read_columns
+from .described import make, read
+from .problem import about, load_robot
+from .schemas import FORCE
 from .text import at, read_toml
-from .unit_tables import read_columns
-
-if TYPE_CHECKING:
-    from .schemas import Strict
-
-Made = TypeVar("Made")
 
 _MOST = 4.0  # standard errors that an estimate from synthetic data may be off the truth
 _DENSITY = {"s": "m", "f_x": "N/m", "f_y": "N/m", "f_z": "N/m"}
@@ -128,86 +120,25 @@ def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn"
     >>> load_force_problem("problems/force_tip/problem.toml").problem.unknown
     (TipForce(prior=None, bounds=None),)
     """
-    from .force_schemas import ForceSchema
-    from .schemas import load_checked
-
     file = Path(path)
-    data = at(file, "", lambda: load_checked(ForceSchema, read_toml(file)))
+    data = at(file, "", lambda: read(FORCE, read_toml(file)))
     robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
     joints = data["actuation"]
     sigmas = {name: joints.pop(name, None) for name in ("rotation_sigma", "translation_sigma")}
     actuation = at(file, "actuation", lambda: Actuation(**joints))
-    unknown = tuple(_unknown(file, robot, k, table) for k, table in enumerate(data["unknown_loads"]))
-    measured = tuple(_measurement(file, robot, k, table) for k, table in enumerate(data["measurements"]))
-    loads = tuple(read_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", [])))
+    unknown, measured, loads = (
+        tuple(make(file, f"{name}[{k}]", one, kinds, robot) for k, one in enumerate(data.get(name, [])))
+        for name, kinds in (("unknown", UNKNOWN_LOADS), ("measurements", MEASUREMENTS), ("loads", LOADS))
+    )
     loss = data.get("loss", "squared")
     problem = at(file, "", lambda: ForceEstimationProblem(robot, unknown, loss=loss, **sigmas))
     at(file, "", lambda: problem.check(actuation, measured, loads))
     return ForceProblem(
-        file,
-        data["title"],
-        problem,
-        actuation,
-        measured,
-        loads,
-        data.get("truth", {}),
-        data.get("expected", {}),
-        data.get("description", ""),
-        data["source"]["text"],
-        data["source"].get("does_not_claim", ""),
+        **about(file, data),
+        problem=problem,
+        actuation=actuation,
+        measurements=measured,
+        loads=loads,
+        truth=data.get("truth", {}),
+        expected=data.get("expected", {}),
     )
-
-
-def _unknown(file: Path, robot: Robot, k: int, table: Any) -> UnknownLoad | Contacts:
-    from .force_schemas import UNKNOWN_LOAD_SCHEMAS
-
-    kinds: dict[str, Callable[..., UnknownLoad | Contacts]] = {
-        "tip_force": TipForce,
-        "tip_wrench": TipWrench,
-        "point_force": PointForce,
-        "contacts": Contacts,
-        "distributed_force": DistributedForce,
-    }
-    return _made(file, robot, f"unknown[{k}]", table, UNKNOWN_LOAD_SCHEMAS, kinds)
-
-
-def _measurement(file: Path, robot: Robot, k: int, table: Any) -> Measurement:
-    from .force_schemas import measurement_schemas
-
-    kinds = {kind: partial(_read, file.parent, described) for kind, described in TABLES.items()}
-    return _made(file, robot, f"measurements[{k}]", table, measurement_schemas(), kinds)
-
-
-def _read(folder: Path, described: Table, **entries: Any) -> Measurement:
-    """The measurement that entries of a table describe, and the columns of the file that it names."""
-    if not described.needed:
-        return described.make(**entries)
-    return described.make(read_columns(folder / entries.pop("file"), described.needed, described.optional), **entries)
-
-
-def _made(
-    file: Path,
-    robot: Robot,
-    place: str,
-    table: Any,
-    schemas: Mapping[str, type[Strict]],
-    kinds: Mapping[str, Callable[..., Made]],
-) -> Made:
-    """What a table describes whose ``kind`` names schema and constructor."""
-    from .schemas import load_kind
-
-    kind, values = at(file, place, lambda: load_kind(schemas, table))
-    if "tube" in values:
-        values["tube"] = at(file, place, lambda: tube_index(robot, values["tube"]))
-    for name in values.keys() & {"prior", "place_prior"}:
-        values[name] = _prior(**values[name])
-    return at(file, place, lambda: kinds[kind](**values))
-
-
-def _prior(**given: Any) -> tuple[Any, Any]:
-    """Mean and standard deviation; of a wrench, both of its force and then of its moment."""
-    if "mean" in given:
-        return given["mean"], given["sigma"]
-    mean = [given.get(f"{name}_mean", 0.0) for name in ("force", "moment")]
-    sigma = [given[f"{name}_sigma"] for name in ("force", "moment")]
-    return six(*mean), six(*sigma)

@@ -17,8 +17,11 @@ from ..forward.report import robot_report
 from ..loads.point import PointWrench
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
-from .problem import Problem, load_robot
-from .text import at, read_table, read_toml
+from .columns import read_columns
+from .described import read
+from .problem import Problem, about, load_robot
+from .schemas import PLAN
+from .text import at, read_toml
 
 _AXES = ("x", "y", "z")
 
@@ -72,34 +75,25 @@ def load_plan(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Plan
     >>> bool(abs(plan.problems[0].solve().tip_position[2] - 0.10096021) < 1e-8)
     True
     """
-    from .schemas import PlanSchema, load_checked
-
     file = Path(path)
-    data = at(file, "", lambda: load_checked(PlanSchema, read_toml(file)))
+    data = at(file, "", lambda: read(PLAN, read_toml(file)))
     robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
     forward = at(file, "solver", lambda: ForwardProblem(robot, **data.get("solver", {})))
-    source, expected = data["source"], data.get("expected", {})
+    expected, tubes = data.get("expected", {}), range(len(robot.tubes))
     if expected:
         at(file, "expected", partial(number, expected["position_tolerance"], "position_tolerance", above=0.0))
-    columns = [f"{name}_{i}" for name in ("rotation", "translation") for i in range(len(robot.tubes))]
-    columns += [f"{name}_{axis}" for name in ("force", *(["tip"] if expected else [])) for axis in _AXES]
-    frame = Problem(
-        file,
-        data["title"],
-        robot,
-        Actuation(np.zeros(len(robot.tubes)), np.zeros(len(robot.tubes))),
-        solver=data.get("solver", {}),
-        description=data.get("description", ""),
-        source=source["text"],
-        does_not_claim=source.get("does_not_claim", ""),
-        expected=expected,
-    )
+    units = {f"{name}_{i}": unit for name, unit in (("rotation", "rad"), ("translation", "m")) for i in tubes}
+    measured = {"force": "N", **({"tip": "m"} if expected else {})}
+    units |= {f"{name}_{axis}": unit for name, unit in measured.items() for axis in _AXES}
+    head, held = about(file, data), Actuation(np.zeros(len(tubes)), np.zeros(len(tubes)))
+    frame = Problem(**head, robot=robot, actuation=held, solver=data.get("solver", {}), expected=expected)
     table = file.parent / data["cases"]
-    problems = tuple(
-        at(table, f"line {line}", partial(_case, frame, forward, case, values))
-        for case, (line, values) in enumerate(read_table(table, columns), start=1)
-    )
-    return Plan(file, frame.title, robot, problems, frame.description, frame.source, frame.does_not_claim, expected)
+    columns = read_columns(table, units)
+    problems = [
+        at(table, f"line {line:.0f}", partial(_case, frame, forward, k + 1, {name: columns[name][k] for name in units}))
+        for k, line in enumerate(columns["line"])
+    ]
+    return Plan(**head, robot=robot, problems=tuple(problems), expected=expected)
 
 
 def _case(frame: Problem, forward: ForwardProblem, case: int, values: dict[str, float]) -> Problem:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,19 +14,15 @@ from ..checks import Array, choice, number
 from ..errors import DefinitionError
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
-from ..loads.distributed import DistributedLoad
-from ..loads.gravity import Gravity
+from ..loads import LOADS
 from ..loads.kind import Load
-from ..loads.masses import DistributedMass, PointMass
-from ..loads.point import PointWrench
-from ..loads.spring import Spring
 from ..robot.actuation import Actuation
-from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature, Straight
+from ..robot.precurvature import PIECES, Piece
 from ..robot.robot import ON_OVERLAP, Robot, report_overlaps
-from ..robot.tube import Tube
-from .text import at as _at
-from .text import check_output, read_csv, write_atomically
-from .text import read_toml as _read_toml
+from ..robot.tube import STIFFNESSES, Tube
+from .described import make, read
+from .schemas import PROBLEM, ROBOT
+from .text import at, check_output, read_toml, write_atomically
 
 _TOLERANCES = {
     "tip_position": "position_tolerance",
@@ -115,13 +110,11 @@ def load_robot(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Rob
     >>> load_robot("problems/rjw_s1/robot.toml").tubes[0].name
     'inner'
     """
-    from .schemas import RobotSchema, load_checked
-
     file = Path(path)
-    data = _at(file, "", lambda: load_checked(RobotSchema, _read_toml(file)))
+    data = at(file, "", lambda: read(ROBOT, read_toml(file)))
     tubes = [_tube(file, k, table) for k, table in enumerate(data["tubes"])]
     pose = data.get("base", {}).get("pose")
-    robot = _at(file, "", lambda: Robot(tubes, pose, on_overlap="ignore"))
+    robot = at(file, "", lambda: Robot(tubes, pose, on_overlap="ignore"))
     report_overlaps(robot, choice(on_overlap, "on_overlap", ON_OVERLAP), f"{file}: ")
     return robot
 
@@ -157,31 +150,30 @@ def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> P
     >>> load_problem("problems/rjw_s1/fig9_loaded.toml").title
     'RJW-S1, Fig. 9, loaded'
     """
-    from .schemas import ProblemSchema, load_checked
-
     file = Path(path)
-    table = _read_toml(file)
+    table = read_toml(file)
     if "cases" in table:
         raise DefinitionError(f"{file} is a plan of many cases: read it with load_plan")
-    data = _at(file, "", lambda: load_checked(ProblemSchema, table))
+    data = at(file, "", lambda: read(PROBLEM, table))
     robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
-    actuation = _at(file, "actuation", lambda: Actuation(**data["actuation"]))
-    loads = tuple(read_load(file, robot, k, table) for k, table in enumerate(data.get("load_tables", [])))
+    actuation = at(file, "actuation", lambda: Actuation(**data["actuation"]))
+    loads = tuple(make(file, f"loads[{k}]", one, LOADS, robot) for k, one in enumerate(data.get("loads", [])))
     solver = data.get("solver", {})
-    forward = _at(file, "solver", lambda: ForwardProblem(robot, **solver))
-    _at(file, "", lambda: forward.check(actuation, loads))
-    return Problem(
-        file,
-        data["title"],
-        robot,
-        actuation,
-        loads,
-        solver,
-        data.get("description", ""),
-        data["source"]["text"],
-        data["source"].get("does_not_claim", ""),
-        _expected(file, robot, data.get("expected", {})),
-    )
+    forward = at(file, "solver", lambda: ForwardProblem(robot, **solver))
+    at(file, "", lambda: forward.check(actuation, loads))
+    expected = _expected(file, robot, data.get("expected", {}))
+    return Problem(**about(file, data), robot=robot, actuation=actuation, loads=loads, solver=solver, expected=expected)
+
+
+def about(file: Path, data: dict[str, Any]) -> dict[str, Any]:
+    """What every file but a robot's says of itself."""
+    return {
+        "path": file,
+        "title": data["title"],
+        "description": data.get("description", ""),
+        "source": data["source"]["text"],
+        "does_not_claim": data["source"].get("does_not_claim", ""),
+    }
 
 
 def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str:
@@ -195,7 +187,7 @@ def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str
     from ..forward.report import robot_report
 
     file = Path(path)
-    if "title" not in _read_toml(file):
+    if "title" not in read_toml(file):
         return robot_report(load_robot(file, on_overlap=on_overlap))
     problem = load_problem(file, on_overlap=on_overlap)
     loads = f"{len(problem.loads)} load{'' if len(problem.loads) == 1 else 's'}"
@@ -214,7 +206,7 @@ def find_problems(folder: str | os.PathLike[str]) -> list[Path]:
 
 def _is_problem(file: Path) -> bool:
     try:
-        keys = set(_read_toml(file))
+        keys = set(read_toml(file))
     except DefinitionError:
         return False
     return {"title", "robot"} <= keys and not keys & {"cases", "experiments", "measurements"}
@@ -234,69 +226,8 @@ def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:
 
 def _tube(file: Path, k: int, table: dict[str, Any]) -> Tube:
     place = f"tubes[{k}] ({table['name']!r})"
-    pieces = [_piece(file, f"{place}.precurvature[{j}]", piece) for j, piece in enumerate(table["precurvature"])]
-    return _at(file, f"tubes[{k}]", lambda: Tube(**{**table, "precurvature": pieces}))
-
-
-def _piece(file: Path, place: str, table: Any) -> PrecurvaturePiece:
-    from .schemas import PIECE_SCHEMAS, load_kind
-
-    kind, values = _at(file, place, lambda: load_kind(PIECE_SCHEMAS, table))
-    if kind == "sampled":
-        values = _at(file, place, lambda: _sampled(file, values))
-    kinds: dict[str, Callable[..., PrecurvaturePiece]] = {
-        "straight": Straight,
-        "arc": Arc,
-        "polynomial": PolynomialCurvature,
-        "sampled": SampledCurvature,
-    }
-    return _at(file, place, lambda: kinds[kind](**values))
-
-
-def _sampled(file: Path, values: dict[str, Any]) -> dict[str, Any]:
-    if "file" in values:
-        if len(values) > 1:
-            raise ValueError(".file is given beside lists: give one of them")
-        table = read_csv(file.parent / values["file"], 4)
-        return {"arc_length": table[:, 0], "curvature": table[:, 1:]}
-    for name in ("arc_length", "curvature"):
-        if name not in values:
-            raise ValueError(f".{name} is missing: give arc_length and curvature, or file")
-    return values
-
-
-def read_load(file: Path, robot: Robot, k: int, table: Any) -> Load:
-    """A load from its table, the k-th of a file."""
-    from .schemas import LOAD_SCHEMAS, load_kind
-
-    place = f"loads[{k}]"
-    kind, values = _at(file, place, lambda: load_kind(LOAD_SCHEMAS, table))
-    if "tube" in values:
-        values["tube"] = _at(file, place, lambda: tube_index(robot, values["tube"]))
-    if "file" in values:
-        if "force" in values or "moment" in values:
-            raise DefinitionError(f"{file}: {place}.file is given beside force or moment: give one of them")
-        rows = read_csv(file.parent / values.pop("file"), 7)
-        values["force"], values["moment"] = (rows[:, 0], rows[:, 1:4]), (rows[:, 0], rows[:, 4:])
-    kinds: dict[str, Callable[..., Load]] = {
-        "point": PointWrench,
-        "distributed": DistributedLoad,
-        "gravity": Gravity,
-        "point_mass": PointMass,
-        "distributed_mass": DistributedMass,
-        "spring": Spring,
-    }
-    return _at(file, place, lambda: kinds[kind](**values))
-
-
-def tube_index(robot: Robot, tube: Any) -> int:
-    """Which tube is meant by a name or an index; ``ValueError`` where none is."""
-    names = [each.name for each in robot.tubes]
-    if isinstance(tube, str) and tube in names:
-        return names.index(tube)
-    if isinstance(tube, int) and not isinstance(tube, bool) and 0 <= tube < len(names):
-        return tube
-    raise ValueError(f".tube = {tube!r} must be a tube's name ({', '.join(names)}) or index (0 to {len(names) - 1})")
+    pieces = [make(file, f"{place}.precurvature[{j}]", piece, PIECES) for j, piece in enumerate(table["precurvature"])]
+    return at(file, f"tubes[{k}]", lambda: Tube(**{**table, "precurvature": pieces}))
 
 
 def _expected(file: Path, robot: Robot, values: dict[str, Any]) -> dict[str, Any]:
@@ -304,23 +235,17 @@ def _expected(file: Path, robot: Robot, values: dict[str, Any]) -> dict[str, Any
         if name in values and tolerance not in values:
             raise DefinitionError(f"{file}: expected.{name} is given without expected.{tolerance}")
         if tolerance in values:
-            _at(file, "expected", partial(number, values[tolerance], tolerance, above=0.0))
+            at(file, "expected", partial(number, values[tolerance], tolerance, above=0.0))
     if len(values.get("base_torsions", robot.tubes)) != len(robot.tubes):
         raise DefinitionError(f"{file}: expected.base_torsions must have {len(robot.tubes)} entries, one for each tube")
     return values
 
 
 def _tube_table(tube: Tube) -> dict[str, Any]:
-    names = ("name", "outer_diameter", "inner_diameter", "youngs_modulus", "shear_modulus", "poisson_ratio", "density")
-    table = {name: getattr(tube, name) for name in names if getattr(tube, name) is not None}
+    numbers = {name: getattr(tube, name) for name in Tube.entries if name not in STIFFNESSES}
+    table = {"name": tube.name, **{name: value for name, value in numbers.items() if value is not None}}
     return {**table, **tube.given_stiffnesses, "precurvature": [_piece_table(piece) for piece in tube.precurvature]}
 
 
-def _piece_table(piece: PrecurvaturePiece) -> dict[str, Any]:
-    if isinstance(piece, Straight):
-        return {"kind": "straight", "length": piece.length}
-    if isinstance(piece, Arc):
-        return {"kind": "arc", "length": piece.length, "curvature": piece.curvature.tolist()}
-    if isinstance(piece, PolynomialCurvature):
-        return {"kind": "polynomial", "length": piece.length, "coefficients": piece.coefficients.tolist()}
-    return {"kind": "sampled", "arc_length": piece.arc_length.tolist(), "curvature": piece.curvature.tolist()}
+def _piece_table(piece: Piece) -> dict[str, Any]:
+    return {"kind": piece.kind, **{name: np.asarray(getattr(piece, name)).tolist() for name in piece.entries}}

@@ -1,23 +1,20 @@
-"""Text files: TOML and CSV read as data, with errors that name the place; written whole or not at all."""
+"""Text files: TOML read as data, with errors that name the place; files written whole or not at all."""
 
 from __future__ import annotations
 
 import atexit
 import os
-import reprlib
 import secrets
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from ..errors import CtrOptError, DefinitionError
 
 if TYPE_CHECKING:
-    from ..checks import Array
+    pass
 
 _T = TypeVar("_T")
 _parts: set[Path] = set()  # temporary files of outputs that are being written
@@ -52,73 +49,6 @@ def at(file: Path, place: str, build: Callable[[], _T]) -> _T:
 
 def _joined(place: str, text: str) -> str:
     return f"{place}: {text}" if place else text
-
-
-def read_csv(file: Path, columns: int) -> Array:
-    """A table of numbers in SI, comma-separated, ``#`` before comments; ``(rows, columns)``."""
-    table = []
-    for line, row in said_lines(file):
-        try:
-            entries = [float(entry) for entry in row.split(",")]
-        except ValueError:
-            raise DefinitionError(
-                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} numbers with commas, "
-                "or a comment behind a #"
-            ) from None
-        if len(entries) != columns or not np.all(np.isfinite(entries)):
-            raise DefinitionError(
-                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} finite numbers with commas"
-            )
-        table.append(entries)
-    if not table:
-        raise DefinitionError(f"{file} holds no numbers, but must hold lines of {columns}")
-    return np.array(table)
-
-
-def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, dict[str, float]]]:
-    """The same with a header that names the columns, in any order; line numbers, and the numbers by column."""
-    rows = said_lines(file)
-    if len(rows) < 2:
-        raise DefinitionError(f"{file} must hold a line of names ({', '.join(columns)}) and lines of numbers")
-    line, header = rows[0]
-    names = [name.strip() for name in header.split(",")]
-    for name in names:
-        if name not in columns or names.count(name) > 1:
-            wrong = "is given twice" if name in columns else "is no column here"
-            raise DefinitionError(f"{file}: line {line}, column {name!r} {wrong}; the columns are {', '.join(columns)}")
-    for name in columns:
-        if name not in names:
-            raise DefinitionError(f"{file}: line {line}: column {name!r} is missing")
-    return [(line, _numbers(f"{file}: line {line}", names, row)) for line, row in rows[1:]]
-
-
-def _numbers(place: str, names: list[str], row: str) -> dict[str, float]:
-    entries = [entry.strip() for entry in row.split(",")]
-    if len(entries) != len(names):
-        raise DefinitionError(f"{place} has {len(entries)} entries, but must have {len(names)}, one for each column")
-    values = {}
-    for name, entry in zip(names, entries, strict=True):
-        try:
-            values[name] = float(entry)
-        except ValueError:
-            values[name] = float("nan")
-        if not np.isfinite(values[name]):
-            raise DefinitionError(f"{place}, column {name!r}: {reprlib.repr(entry)} must be a finite number, in SI")
-    return values
-
-
-def said_lines(file: Path) -> list[tuple[int, str]]:
-    """The lines that say something, with their numbers."""
-    try:
-        lines = file.read_text("utf-8-sig").splitlines()
-    except OSError as error:
-        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise DefinitionError(f"{file} is no text in UTF-8, so no CSV file") from None
-    except ValueError as error:
-        raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
-    rows = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, start=1)]
-    return [(k, row) for k, row in rows if row]
 
 
 def check_output(path: Path, suffixes: tuple[str, ...]) -> None:

@@ -37,17 +37,18 @@ _KINDS = {
     "m": "a length, like '1.75 mm'",
     "rad": "an angle, like '30 deg'",
     "N": "a force, like '0.98 N'",
-    "N*m": "a moment, like '5 N*mm'",
+    "N m": "a moment, like '5 N*mm'",
     "N/m": "a force per length, like '2 N/m'",
-    "N*m/m": "a moment per length, like '0.1 N*m/m'",
+    "N m/m": "a moment per length, like '0.1 N*m/m'",
     "1/m": "a curvature, like '12 1/m'",
     "Pa": "a modulus, like '58 GPa'",
     "kg/m^3": "a density, like '6450 kg/m^3'",
+    "m^5/N^2": "a smoothness, like '0.1 m^5/N^2'",
     "kg": "a mass, like '2 g'",
     "kg/m": "a mass per length, like '0.3 kg/m'",
     "1": "a number",
     "m/s^2": "an acceleration, like '9.81 m/s^2'",
-    "N*m^2": "a stiffness, like '0.02 N*m^2'",
+    "N m^2": "a stiffness, like '0.02 N*m^2'",
 }
 
 

@@ -7,16 +7,13 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ..checks import Entry, described, given
 from ..loads import place
-from .unknown import PointForce, whole
-
-
-def _most(value: Any) -> int:
-    return whole(value, "most", 1)
+from .unknown import IN_FILES, Described, PointForce
 
 
 @attrs.frozen
-class Contacts:
+class Contacts(Described):
     """Several forces at unknown places along a tube, whose number is not known either.
 
     Every number up to ``most`` is tried, and that of the least Bayesian information criterion taken: ``BIC = 2 loss +
@@ -42,13 +39,17 @@ class Contacts:
     2
     """
 
-    most: int = attrs.field(default=3, converter=_most)
-    tube: int = attrs.field(default=0, converter=place.tube)
+    kind = "contacts"
+    entries = described(most=Entry("whole", least=1), tube=place.TUBE)
+    in_file = IN_FILES
+    most: int = attrs.field(default=3, converter=given)
+    tube: int = attrs.field(default=0, converter=given)
     prior: Any = None
     bounds: Any = None
     between: Any = None
 
     def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         _ = self.forces(1)
 
     def forces(self, count: int) -> tuple[PointForce, ...]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import attrs
 import numpy as np
 
-from ..checks import Array, number
+from ..checks import Array, Entry, described, given
 from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..loads import place
 from ..loads.distributed import DistributedLoad
 from ..loads.kind import Load
-from .unknown import Gaussian, Sought, limits, vector, whole
+from .unknown import Described, Gaussian, Sought, limits, vector
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -23,20 +24,8 @@ _PIECES = 2  # of constant density, in every interval between knots
 _DEGREES = 2, 5
 
 
-def _coefficients(value: Any) -> int:
-    return whole(value, "coefficients", _DEGREES[0] + 1)
-
-
-def _degree(value: Any) -> int:
-    return whole(value, "degree", *_DEGREES)
-
-
-def _smoothness(value: Any) -> float | None:
-    return None if value is None else number(value, "smoothness", above=0.0, unit="m^5/N^2")
-
-
 @attrs.frozen(slots=False)
-class DistributedForce:
+class DistributedForce(Described):
     """A force along a tube, N/m, world frame: a spline ``f(s)`` with equally spaced knots.
 
     It is known before to be smooth: ``-log p(f) = w / 2 * integral |f''(s)|^2 ds + const``, which a constant and a
@@ -75,16 +64,28 @@ class DistributedForce:
     (6, (18, 18))
     """
 
-    coefficients: int = attrs.field(default=12, converter=_coefficients)
-    start: float = attrs.field(default=0.0, converter=place.start)
-    end: float | None = attrs.field(default=None, converter=place.end)
-    tube: int = attrs.field(default=0, converter=place.tube)
-    degree: int = attrs.field(default=3, converter=_degree)
-    smoothness: float | None = attrs.field(default=None, converter=_smoothness)
+    kind = "distributed_force"
+    entries = described(
+        coefficients=Entry("whole", least=_DEGREES[0] + 1),
+        **place.SPAN,
+        degree=Entry("whole", least=_DEGREES[0], most=_DEGREES[1]),
+        smoothness=Entry("m^5/N^2", above=0.0, optional=True),
+    )
+    in_file: ClassVar[Mapping[str, Any]] = {
+        "prior?": {name: Entry("N/m", (3,), scalar_too=True) for name in ("mean", "sigma")},
+        "bounds?": Entry("N/m", (2,)),
+    }
+    coefficients: int = attrs.field(default=12, converter=given)
+    start: float = attrs.field(default=0.0, converter=given)
+    end: float | None = attrs.field(default=None, converter=given)
+    tube: int = attrs.field(default=0, converter=given)
+    degree: int = attrs.field(default=3, converter=given)
+    smoothness: float | None = attrs.field(default=None, converter=given)
     prior: Any = None
     bounds: Any = None
 
     def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         place.check_interval(self.start, self.end)
         if self.coefficients <= self.degree:
             raise DefinitionError(f"coefficients = {self.coefficients} must be above the degree, {self.degree}")

@@ -183,10 +183,9 @@ def _errors(robot: Robot) -> list[Imperfection]:
 def _precurvature(name: str, tube: Tube) -> dict[str, Array]:
     """The numbers of its pieces that are curved."""
     return {
-        f"{name}.precurvature[{k}].{field}": np.array(getattr(piece, field))
+        f"{name}.precurvature[{k}].{piece.rows}": np.array(getattr(piece, piece.rows))
         for k, piece in enumerate(tube.precurvature)
-        for field in ("curvature", "coefficients")
-        if np.any(getattr(piece, field, 0.0))
+        if piece.rows and np.any(getattr(piece, piece.rows))
     }
 
 

@@ -5,26 +5,20 @@ An unknown load says which loads stand for it, which of their numbers are unknow
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import Any, Protocol, Self
+from functools import partial
+from typing import Any, ClassVar, Protocol, Self
 
 import attrs
 import numpy as np
 
-from ..checks import Array, array, index, number
+from ..checks import Array, Checked, Entry, Table, array, described, given, number
 from ..errors import DefinitionError
 from ..layout.ends import Ends
+from ..loads import place
 from ..loads.kind import Load
 from ..loads.point import PointWrench
-
-
-def _tube(value: Any) -> int:
-    return index(value, "tube")
-
-
-def _arc_length(value: Any) -> float | None:
-    return None if value is None else number(value, "arc_length", least=0.0, unit="m")
 
 
 def _normal(value: Any) -> tuple[float, ...] | None:
@@ -36,16 +30,42 @@ def _normal(value: Any) -> tuple[float, ...] | None:
     return tuple((given / np.linalg.norm(given)).tolist())
 
 
-def _friction(value: Any) -> float | None:
-    return None if value is None else number(value, "friction", least=0.0)
+_PRIOR = {"mean": Entry("N", (3,), scalar_too=True), "sigma": Entry("N", (3,), scalar_too=True)}
+_WRENCH_PRIOR = {
+    f"{name}_{part}": Entry(unit, (3,), scalar_too=True)
+    for name, unit in (("force", "N"), ("moment", "N m"))
+    for part in ("mean?", "sigma")
+}
+_PLACE_PRIOR = {"mean": Entry("m"), "sigma": Entry("m")}
+IN_FILES = {"prior?": _PRIOR, "bounds?": Entry("N", (2,)), "between?": Entry("m", (2,))}
+"""What files say of forces beside their entries."""
 
 
-def whole(value: Any, field: str, least: int, most: int | None = None) -> int:
-    """A whole number in a range."""
-    found = number(value, field, least=least, most=most)
-    if found != int(found):
-        raise DefinitionError(f"{field} = {value!r} must be a whole number")
-    return int(found)
+class Described(Checked):
+    """An unknown load that files may describe; ``in_file`` are entries beside those by which it is checked."""
+
+    __slots__ = ()
+
+    entries = described()
+    in_file: ClassVar[Mapping[str, Any]] = {}
+
+    @classmethod
+    def tables(cls) -> tuple[Table]:
+        """The table of files that describes it."""
+        return (Table(cls.kind, {**cls.in_files(), **cls.in_file}, partial(_with_priors, cls)),)
+
+
+def _with_priors(kind: Any, **values: Any) -> Any:
+    """An unknown load whose priors are tables: mean and standard deviation, of a wrench those of force and moment."""
+    for name in values.keys() & {"prior", "place_prior"}:
+        prior = values[name]
+        if "mean" not in prior:
+            prior = {
+                part: np.concatenate([np.broadcast_to(prior.get(f"{of}_{part}", 0.0), 3) for of in ("force", "moment")])
+                for part in ("mean", "sigma")
+            }
+        values[name] = prior["mean"], prior["sigma"]
+    return kind(**values)
 
 
 @attrs.frozen(eq=False)
@@ -141,7 +161,7 @@ class UnknownLoad(Protocol):
         """Where the load acts: an arc length, m, or None, the tip (or nobody knows)."""
 
 
-class _AsItStands:
+class _AsItStands(Described):
     """What unknown loads share whose numbers the model takes as they are sought."""
 
     @property
@@ -205,6 +225,8 @@ class TipForce(_AtTip):
     [[4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0]]
     """
 
+    kind = "tip_force"
+    in_file: ClassVar[Mapping[str, Any]] = {name: IN_FILES[name] for name in ("prior?", "bounds?")}
     prior: Any = None
     bounds: Any = None
 
@@ -248,6 +270,8 @@ class TipWrench(_AtTip):
     ['force', 'moment']
     """
 
+    kind = "tip_wrench"
+    in_file: ClassVar[Mapping[str, Any]] = {"prior?": _WRENCH_PRIOR}
     prior: Any = None
     bounds: Any = None
 
@@ -314,16 +338,20 @@ class PointForce(_AsItStands):
     ('normal_force',)
     """
 
-    arc_length: float | None = attrs.field(default=None, converter=_arc_length)
-    tube: int = attrs.field(default=0, converter=_tube)
+    kind = "point_force"
+    entries = described(**place.POINT, friction=Entry("1", least=0.0, optional=True))
+    in_file: ClassVar[Mapping[str, Any]] = {**IN_FILES, "normal?": Entry("1", (3,)), "place_prior?": _PLACE_PRIOR}
+    arc_length: float | None = attrs.field(default=None, converter=given)
+    tube: int = attrs.field(default=0, converter=given)
     prior: Any = None
     normal: Any = attrs.field(default=None, converter=_normal)
-    friction: float | None = attrs.field(default=None, converter=_friction)
+    friction: float | None = attrs.field(default=None, converter=given)
     bounds: Any = None
     between: Any = None
     place_prior: Any = None
 
     def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         _ = self.known_before, self.limits
         for field in ("between", "place_prior"):
             if getattr(self, field) is not None and self.arc_length is not None:

@@ -16,7 +16,6 @@ import numpy as np
 from ..mechanics.law import Stiffness, straight_energy_density
 from ..robot.names import Parameter, parameters
 from ..robot.piecewise import gauss
-from ..robot.precurvature import PolynomialCurvature, SampledCurvature, along_arc_length
 from ..robot.tube import STIFFNESSES
 from .configuration import Configuration
 from .ends import chained_symbols, first_at_tip
@@ -103,7 +102,8 @@ class Parametric:
         for k, piece in enumerate(tube.precurvature):
             name = f"tubes[{i}].precurvature[{k}]"
             stretch = self.at(f"{name}.length") / piece.length
-            for width, rows in _polynomials(piece, name, stretch, self):
+            own = self.rows(f"{name}.{piece.rows}") if piece.rows else [ca.DM.zeros(3)]
+            for width, rows in piece.parts(own, stretch):
                 pieces.append((("tube", i, len(pieces)), rows))
                 end = end + width
                 nominal = float(self.configuration.translations[i] + starts[len(pieces)])
@@ -200,18 +200,3 @@ class Parametric:
         for k, s in enumerate(self.configuration.break_points):
             if np.abs(known - s).min() > self.configuration.ends.slack:
                 self.add(("fixed", k), float(s), float(s), self.length)
-
-
-def _polynomials(piece: Any, name: str, stretch: Any, of: Parametric) -> list[tuple[Any, list[Any]]]:
-    """Lengths of the polynomials that a piece consists of, and their coefficients."""
-    length = stretch * piece.length
-    if isinstance(piece, SampledCurvature):
-        widths = [stretch * float(width) for width in np.diff(piece.arc_length)]
-        samples = ca.horzcat(*of.rows(f"{name}.curvature")).T
-        return [
-            (width, [(ca.DM(row).T @ samples).T / stretch**d for d, row in enumerate(basis)])
-            for width, basis in zip(widths, piece.basis().transpose(1, 0, 2), strict=True)
-        ]
-    if isinstance(piece, PolynomialCurvature):
-        return [(length, along_arc_length(of.rows(f"{name}.coefficients"), length))]
-    return [(length, of.rows(f"{name}.curvature") if hasattr(piece, "curvature") else [ca.DM.zeros(3)])]

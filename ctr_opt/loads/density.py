@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import attrs
 import numpy as np
 
-from ..checks import Array, array
+from ..checks import Array, Entry, array
 from ..errors import DefinitionError
 from ..robot.piecewise import PiecewisePolynomial
 from .resolution import called, resolve
@@ -38,8 +38,15 @@ LoadFunction: TypeAlias = Callable[[float], Any]
 Density: TypeAlias = Array | LoadTable | LoadFunction
 
 
-def density(value: Any, field: str, unit: str) -> Density:
-    """A density as a user gives it, checked."""
+class DensityEntry(Entry):
+    """What a density must be."""
+
+    def checked(self, value: Any, field: str) -> Density:
+        """A density as a user gives it, clean."""
+        return _density(value, field, self.unit)
+
+
+def _density(value: Any, field: str, unit: str) -> Density:
     if callable(value) or isinstance(value, LoadTable):
         return value  # type: ignore[no-any-return]
     if isinstance(value, (tuple, list)) and len(value) == 2:

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
 import attrs
 import numpy as np
 
+from ..checks import described, given
 from . import place
-from .density import DENSITY_EQ, Density, density
-from .wrench import Wrench, frame
-
-
-def _force(value: Any) -> Density:
-    return density(value, "force", "N/m")
-
-
-def _moment(value: Any) -> Density:
-    return density(value, "moment", "N m/m")
+from .density import DENSITY_EQ, Density, DensityEntry
+from .wrench import FRAME, Wrench
 
 
 @attrs.frozen
@@ -44,13 +35,21 @@ class DistributedLoad(Wrench):
     True
     """
 
-    units: ClassVar[dict[str, str]] = {"force": "N/m", "moment": "N m/m", "start": "m", "end": "m"}
-    force: Density = attrs.field(default=np.zeros(3), converter=_force, eq=DENSITY_EQ, hash=False)
-    moment: Density = attrs.field(default=np.zeros(3), converter=_moment, eq=DENSITY_EQ, hash=False)
-    start: float = attrs.field(default=0.0, converter=place.start)
-    end: float | None = attrs.field(default=None, converter=place.end)
-    tube: int = attrs.field(default=0, converter=place.tube)
-    frame: str = attrs.field(default="world", converter=frame)
+    kind = "distributed"
+    entries = described(
+        force=DensityEntry("N/m", (3,)),
+        moment=DensityEntry("N m/m", (3,)),
+        **place.SPAN,
+        frame=FRAME,
+    )
+    csv = 7, {"force": (0, slice(1, 4)), "moment": (0, slice(4, 7))}
+    force: Density = attrs.field(default=np.zeros(3), converter=given, eq=DENSITY_EQ, hash=False)
+    moment: Density = attrs.field(default=np.zeros(3), converter=given, eq=DENSITY_EQ, hash=False)
+    start: float = attrs.field(default=0.0, converter=given)
+    end: float | None = attrs.field(default=None, converter=given)
+    tube: int = attrs.field(default=0, converter=given)
+    frame: str = attrs.field(default="world", converter=given)
 
     def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         place.check_interval(self.start, self.end)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import attrs
 import casadi as ca
 
-from ..checks import number
+from ..checks import Entry, described, given
 from ..errors import DefinitionError
 from . import place
 from .field import Field
@@ -58,14 +58,6 @@ def entries(value: Any, rows: int, what: str) -> ca.SX:
     return ca.densify(result)
 
 
-def _start(value: Any) -> float | None:
-    return None if value is None else place.start(value)
-
-
-def _factor(value: Any) -> float:
-    return number(value, "factor")
-
-
 CONTENT_EQ = attrs.cmp_using(eq=lambda a, b: a.serialize() == b.serialize())
 
 
@@ -73,14 +65,20 @@ CONTENT_EQ = attrs.cmp_using(eq=lambda a, b: a.serialize() == b.serialize())
 class Expressed(Load):
     """Where such a load acts."""
 
-    units: ClassVar[dict[str, str]] = {"factor": "", "arc_length": "m", "start": "m", "end": "m"}
-    arc_length: float | None = attrs.field(default=None, converter=place.arc_length, kw_only=True)
-    start: float | None = attrs.field(default=None, converter=_start, kw_only=True)
-    end: float | None = attrs.field(default=None, converter=place.end, kw_only=True)
-    tube: int = attrs.field(default=0, converter=place.tube, kw_only=True)
-    factor: float = attrs.field(default=1.0, converter=_factor, kw_only=True)
+    entries = described(
+        factor=Entry("1"),
+        **place.POINT,
+        start=place.ARC_LENGTH,
+        end=place.ARC_LENGTH,
+    )
+    arc_length: float | None = attrs.field(default=None, converter=given, kw_only=True)
+    start: float | None = attrs.field(default=None, converter=given, kw_only=True)
+    end: float | None = attrs.field(default=None, converter=given, kw_only=True)
+    tube: int = attrs.field(default=0, converter=given, kw_only=True)
+    factor: float = attrs.field(default=1.0, converter=given, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         if self.distributed and self.arc_length is not None:
             raise DefinitionError(
                 f"arc_length = {self.arc_length:g} m and start or end are both given: "

@@ -7,12 +7,8 @@ from typing import Any, ClassVar
 
 import attrs
 
-from ..checks import ARRAY_EQ, Array, array
+from ..checks import ARRAY_EQ, Array, Entry, described, given
 from .kind import Load, Number, Push
-
-
-def _acceleration(value: Any) -> Array:
-    return array(value, "acceleration", (3,), unit="m/s^2")
 
 
 @attrs.frozen
@@ -30,11 +26,12 @@ class Gravity(Load):
     array([ 0.  ,  0.  , -9.81])
     """
 
-    pulls: ClassVar[str] = "acceleration"
-    units: ClassVar[dict[str, str]] = {"acceleration": "m/s^2"}
+    pulls = "acceleration"
+    kind = "gravity"
+    entries = described(acceleration=Entry("m/s^2", (3,)))
     start: ClassVar[float] = 0.0
     end: ClassVar[None] = None
-    acceleration: Array = attrs.field(converter=_acceleration, eq=ARRAY_EQ, hash=False)
+    acceleration: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
         """The weight of every tube in front of the entry point."""

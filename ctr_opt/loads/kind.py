@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Self, cast
 import attrs
 import numpy as np
 
-from ..checks import Array
+from ..checks import Array, Checked
 from ..robot.names import Parameter, optional, shown
 from ..robot.robot import Robot
 from .density import LoadTable, numbers_of, scaled
@@ -52,13 +52,11 @@ class Push(NamedTuple):
         return self.field is None and isinstance(self.force, np.ndarray) and isinstance(self.moment, np.ndarray)
 
 
-class Load:
+class Load(Checked):
     """A load on a robot."""
 
     __slots__ = ()
 
-    units: ClassVar[dict[str, str]]
-    """The arguments that are numbers, and their SI units."""
     pulls: ClassVar[str] = ""
     """The argument by which it accelerates masses, if it does."""
 
@@ -82,17 +80,18 @@ class Load:
     @property
     def places(self) -> tuple[str, ...]:
         """The arguments that say where it acts: ``("arc_length",)``, ``("start", "end")`` or none."""
-        return _places_in(tuple(self.units))
+        return _places_in(tuple(self.entries))
 
     @property
     def fields(self) -> tuple[str, ...]:
         """The arguments that are numbers of this load."""
-        return tuple(field for field in self.units if field not in _PLACES or field in self.places)
+        numeric = [field for field, entry in self.entries.items() if entry.numeric]
+        return tuple(field for field in numeric if field not in _PLACES or field in self.places)
 
     @property
     def amounts(self) -> tuple[str, ...]:
         """Those that are multiplied where the load is."""
-        return tuple(field for field in self.units if field not in _PLACES)
+        return tuple(field for field in self.fields if field not in _PLACES)
 
     def idle(self, pulled: bool) -> str:  # noqa: ARG002
         """Why no number of it acts; ``pulled``: whether anything pulls at masses."""
@@ -103,7 +102,7 @@ class Load:
         for field in self.fields:
             value = getattr(self, field)
             given, idle = (np.nan, _CALLED) if callable(value) else (numbers_of(value), self.idle(pulled))
-            yield optional(prefix + field, given, idle, unit=self.units[field])
+            yield optional(prefix + field, given, idle, unit=self.entries[field].unit)
 
     def replaced(self, field: str, value: Any) -> Self:
         """The load with another number."""

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import attrs
 
-from ..checks import number
+from ..checks import Entry, described, given
 from . import place
 from .kind import Load, Number, Push
-
-
-def _mass(value: Any) -> float:
-    return number(value, "mass", least=0.0, unit="kg")
-
-
-def _mass_per_length(value: Any) -> float:
-    return number(value, "mass_per_length", least=0.0, unit="kg/m")
 
 
 class _Mass(Load):
@@ -55,10 +47,11 @@ class PointMass(_Mass):
     0.002
     """
 
-    units: ClassVar[dict[str, str]] = {"mass": "kg", "arc_length": "m"}
-    mass: float = attrs.field(converter=_mass)
-    arc_length: float | None = attrs.field(default=None, converter=place.arc_length)
-    tube: int = attrs.field(default=0, converter=place.tube)
+    kind = "point_mass"
+    entries = described(mass=Entry("kg", least=0.0), **place.POINT)
+    mass: float = attrs.field(converter=given)
+    arc_length: float | None = attrs.field(default=None, converter=given)
+    tube: int = attrs.field(default=0, converter=given)
 
 
 @attrs.frozen
@@ -80,11 +73,13 @@ class DistributedMass(_Mass):
     True
     """
 
-    units: ClassVar[dict[str, str]] = {"mass_per_length": "kg/m", "start": "m", "end": "m"}
-    mass_per_length: float = attrs.field(converter=_mass_per_length)
-    start: float = attrs.field(default=0.0, converter=place.start)
-    end: float | None = attrs.field(default=None, converter=place.end)
-    tube: int = attrs.field(default=0, converter=place.tube)
+    kind = "distributed_mass"
+    entries = described(mass_per_length=Entry("kg/m", least=0.0), **place.SPAN)
+    mass_per_length: float = attrs.field(converter=given)
+    start: float = attrs.field(default=0.0, converter=given)
+    end: float | None = attrs.field(default=None, converter=given)
+    tube: int = attrs.field(default=0, converter=given)
 
     def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         place.check_interval(self.start, self.end)

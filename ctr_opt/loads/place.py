@@ -1,31 +1,16 @@
-"""Where a load acts: converters of the fields that all loads share."""
+"""Where a load acts: entries that all loads share."""
 
 from __future__ import annotations
 
-from typing import Any
-
-from ..checks import index, number
+from ..checks import Entry
 from ..errors import DefinitionError
 
-
-def arc_length(value: Any) -> float | None:
-    """An arc length from the entry point, m; None rides on the tube's end."""
-    return None if value is None else number(value, "arc_length", least=0.0, unit="m")
-
-
-def start(value: Any) -> float:
-    """Where an interval begins, m."""
-    return number(value, "start", least=0.0, unit="m")
-
-
-def end(value: Any) -> float | None:
-    """Where an interval ends, m; None rides on the tube's end."""
-    return None if value is None else number(value, "end", least=0.0, unit="m")
-
-
-def tube(value: Any) -> int:
-    """The index of a tube."""
-    return index(value, "tube")
+ARC_LENGTH = Entry("m", least=0.0, optional=True)
+"""From the entry point; None rides on the tube's end."""
+START = Entry("m", least=0.0)
+TUBE = Entry("tube")
+POINT = {"arc_length": ARC_LENGTH, "tube": TUBE}
+SPAN = {"start": START, "end": ARC_LENGTH, "tube": TUBE}
 
 
 def check_interval(first: float, last: float | None) -> None:

@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
 import attrs
 
-from ..checks import ARRAY_EQ, Array, array
+from ..checks import ARRAY_EQ, Array, Entry, described, given
 from . import place
-from .wrench import Wrench, frame
-
-
-def _force(value: Any) -> Array:
-    return array(value, "force", (3,), unit="N")
-
-
-def _moment(value: Any) -> Array:
-    return array(value, "moment", (3,), unit="N m")
+from .wrench import FRAME, Wrench
 
 
 @attrs.frozen
@@ -41,9 +31,15 @@ class PointWrench(Wrench):
     0
     """
 
-    units: ClassVar[dict[str, str]] = {"force": "N", "moment": "N m", "arc_length": "m"}
-    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_force, eq=ARRAY_EQ, hash=False)
-    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=_moment, eq=ARRAY_EQ, hash=False)
-    arc_length: float | None = attrs.field(default=None, converter=place.arc_length)
-    tube: int = attrs.field(default=0, converter=place.tube)
-    frame: str = attrs.field(default="world", converter=frame)
+    kind = "point"
+    entries = described(
+        force=Entry("N", (3,)),
+        moment=Entry("N m", (3,)),
+        **place.POINT,
+        frame=FRAME,
+    )
+    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=given, eq=ARRAY_EQ, hash=False)
+    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=given, eq=ARRAY_EQ, hash=False)
+    arc_length: float | None = attrs.field(default=None, converter=given)
+    tube: int = attrs.field(default=0, converter=given)
+    frame: str = attrs.field(default="world", converter=given)

@@ -4,23 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any
 
 import attrs
 import casadi as ca
 
-from ..checks import ARRAY_EQ, Array, array, number
+from ..checks import ARRAY_EQ, Array, Entry, described, given
 from . import place
 from .field import potential
 from .kind import Load, Number, Push
-
-
-def _stiffness(value: Any) -> float:
-    return number(value, "stiffness", least=0.0, unit="N/m")
-
-
-def _anchor(value: Any) -> Array:
-    return array(value, "anchor", (3,), unit="m")
 
 
 @cache
@@ -61,12 +53,17 @@ class Spring(Load):
     True
     """
 
-    units: ClassVar[dict[str, str]] = {"stiffness": "N/m", "anchor": "m", "arc_length": "m"}
-    amounts: ClassVar[tuple[str, ...]] = ("stiffness",)
-    stiffness: float = attrs.field(converter=_stiffness)
-    anchor: Array = attrs.field(converter=_anchor, eq=ARRAY_EQ, hash=False)
-    arc_length: float | None = attrs.field(default=None, converter=place.arc_length)
-    tube: int = attrs.field(default=0, converter=place.tube)
+    kind = "spring"
+    entries = described(
+        stiffness=Entry("N/m", least=0.0),
+        anchor=Entry("m", (3,)),
+        **place.POINT,
+    )
+    amounts = ("stiffness",)
+    stiffness: float = attrs.field(converter=given)
+    anchor: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
+    arc_length: float | None = attrs.field(default=None, converter=given)
+    tube: int = attrs.field(default=0, converter=given)
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
         """The expression times the stiffness, unless that is zero."""

@@ -7,16 +7,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..checks import choice
+from ..checks import Entry
 from .density import acts
 from .kind import Load, Number, Push
 
-_FRAMES = ("world", "body")
-
-
-def frame(value: Any) -> str:
-    """In which frame force and moment are given."""
-    return choice(value, "frame", _FRAMES)
+FRAME = Entry("text", choices=("world", "body"))
+"""In which frame force and moment are given."""
 
 
 class Wrench(Load):

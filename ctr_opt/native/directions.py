@@ -13,7 +13,7 @@ from ..errors import DefinitionError
 from ..loads.kind import Load, lowered
 from ..mechanics.law import Stiffness
 from ..robot.names import SOURCES, parsed
-from ..robot.precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature
+from ..robot.precurvature import Piece
 from ..robot.robot import Robot
 from ..robot.tube import STIFFNESSES, Tube
 from .abi import By
@@ -101,8 +101,7 @@ def _of_load(
 def _of_piece(robot: Robot, i: int, k: int, field: str, tables: list[Array]) -> list[_Parts] | None:
     """The numbers of a piece of precurvature."""
     pieces = robot.tubes[i].precurvature
-    kinds = {"curvature": (Arc, SampledCurvature), "coefficients": (PolynomialCurvature,)}.get(field, ())
-    if k >= len(pieces) or not isinstance(pieces[k], kinds):
+    if k >= len(pieces) or field != pieces[k].rows:
         return None
     shapes, before = [tube.shape.coefficients for tube in robot.tubes], len(tables)
     counts = [shape.shape[1] for shape in shapes]
@@ -114,13 +113,10 @@ def _of_piece(robot: Robot, i: int, k: int, field: str, tables: list[Array]) -> 
     return _plain(By.PRECURVATURE, ((table, i) for table in range(before, len(tables))))
 
 
-def _basis(piece: PrecurvaturePiece) -> list[Array]:
+def _basis(piece: Piece) -> list[Array]:
     """The polynomials ``(degree + 1, pieces)`` that the rows of a piece's numbers multiply."""
-    if isinstance(piece, SampledCurvature):
-        return list(np.moveaxis(piece.basis(), -1, 0))
-    if isinstance(piece, PolynomialCurvature):
-        return list(np.diag(piece.length ** -np.arange(float(len(piece.coefficients))))[:, :, None])
-    return [np.ones((1, 1))]
+    units = np.eye(len(np.atleast_2d(getattr(piece, piece.rows)))).tolist()
+    return [np.array([coefficients for _, coefficients in piece.parts(unit)]).T for unit in units]
 
 
 def _stiffness_rates(tube: Tube, field: str, loads: Sequence[Load]) -> dict[str, float] | None:

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import attrs
 import numpy as np
 
-from ..checks import ARRAY_EQ, Array, array
+from ..checks import ARRAY_EQ, Array, Checked, Entry, described, given
 from ..errors import DefinitionError
 
 
-def _angles(value: Any) -> Array:
-    return array(value, "rotations", (None,), unit="rad")
-
-
-def _shifts(value: Any) -> Array:
-    return array(value, "translations", (None,), unit="m")
-
-
 @attrs.frozen
-class Actuation:
+class Actuation(Checked):
     """Where the tubes' bases are held.
 
     Parameters
@@ -40,11 +30,13 @@ class Actuation:
     array([-0.1 , -0.05])
     """
 
-    rotations: Array = attrs.field(converter=_angles, eq=ARRAY_EQ, hash=False)
-    translations: Array = attrs.field(converter=_shifts, eq=ARRAY_EQ, hash=False)
+    entries = described(rotations=Entry("rad", (None,)), translations=Entry("m", (None,)))
+    rotations: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
+    translations: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
     read: Array | None = attrs.field(default=None, eq=False, repr=False, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         if len(self.rotations) != len(self.translations):
             raise DefinitionError(
                 f"rotations has {len(self.rotations)} entries and translations {len(self.translations)}: "

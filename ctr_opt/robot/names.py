@@ -18,21 +18,18 @@ import numpy as np
 from ..checks import Array
 from ..errors import DefinitionError
 from .actuation import Actuation
-from .precurvature import Arc, PolynomialCurvature, PrecurvaturePiece, SampledCurvature
+from .precurvature import PIECES
 from .robot import Robot
 from .tube import Tube
 
 _UNITS = {
-    **dict.fromkeys(("bending_stiffness", "torsional_stiffness"), "N m^2"),
-    **dict.fromkeys(("youngs_modulus", "shear_modulus"), "Pa"),
-    **dict.fromkeys(("outer_diameter", "inner_diameter", "length", "arc_length"), "m"),
-    **dict.fromkeys(("translations", "translation", "translation_offset"), "m"),
-    **dict.fromkeys(("rotations", "rotation", "rotation_offset"), "rad"),
-    **dict.fromkeys(("curvature", "coefficients"), "1/m"),
+    **{name: entry.unit for kind in (Actuation, Tube, *PIECES) for name, entry in kind.entries.items()},
+    **dict.fromkeys(("translation", "translation_offset"), "m"),
+    **dict.fromkeys(("rotation", "rotation_offset"), "rad"),
     **dict.fromkeys(("force", "normal_force"), "N"),
-    **{"density": "kg/m^3", "force_density": "N/m", "moment": "N m"},
+    **{"force_density": "N/m", "moment": "N m"},
 }
-_SHOWN = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg"), "Pa": (1e-9, "GPa"), "N m": (1e3, "N mm")}
+_SHOWN = {"1": (1.0, ""), "m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg"), "Pa": (1e-9, "GPa"), "N m": (1e3, "N mm")}
 _SYMBOLS = {"bending_stiffness": "EI", "torsional_stiffness": "GJ", "youngs_modulus": "E", "shear_modulus": "G"}
 _AXES = ("x", "y", "z")
 _ALONG = ("translations", "translation", "translation_offset", "arc_length", "start", "end")
@@ -247,15 +244,8 @@ def _of_tube(prefix: str, tube: Tube, pulled: bool) -> Iterator[Parameter]:
     yield Parameter(f"{prefix}inner_diameter", np.array(tube.inner_diameter), idle)
     yield Parameter(f"{prefix}density", np.array(tube.density), "" if pulled else "there is no Gravity")
     for k, piece in enumerate(tube.precurvature):
-        yield from _of_piece(f"{prefix}precurvature[{k}].", piece)
-
-
-def _of_piece(prefix: str, piece: PrecurvaturePiece) -> Iterator[Parameter]:
-    yield Parameter(f"{prefix}length", np.array(piece.length))
-    if isinstance(piece, (Arc, SampledCurvature)):
-        yield Parameter(f"{prefix}curvature", np.array(piece.curvature))
-    elif isinstance(piece, PolynomialCurvature):
-        yield Parameter(f"{prefix}coefficients", np.array(piece.coefficients))
+        for field in ("length", *filter(None, [piece.rows])):
+            yield Parameter(f"{prefix}precurvature[{k}].{field}", np.array(getattr(piece, field)))
 
 
 # -- other numbers in their place --------------------------------------------------------------------------------------
@@ -277,7 +267,10 @@ def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
                 of_tubes.setdefault(i, {})[field] = float(value)
             case ("tubes", int(i), "precurvature", int(k), str(field)):
                 pieces = list(tubes[i].precurvature)
-                pieces[k] = _piece_with(pieces[k], field, value)
+                if field == "length":
+                    pieces[k] = pieces[k].stretched(float(value))
+                else:
+                    pieces[k] = attrs.evolve(cast(Any, pieces[k]), **{field: value})
                 tubes[i] = attrs.evolve(tubes[i], precurvature=tuple(pieces))
     for i, fields in of_tubes.items():
         tubes[i] = attrs.evolve(tubes[i], **cast(Any, fields))
@@ -317,9 +310,3 @@ def euler_rates(angles: Array) -> Array:
             [np.sin(b), 0.0, 1.0],
         ]
     )
-
-
-def _piece_with(piece: PrecurvaturePiece, field: str, value: Any) -> PrecurvaturePiece:
-    if field == "length" and isinstance(piece, SampledCurvature):
-        return attrs.evolve(piece, arc_length=piece.arc_length * (float(value) / piece.length))
-    return attrs.evolve(cast(Any, piece), **{field: float(value) if field == "length" else value})  # type: ignore[no-any-return]

@@ -7,56 +7,70 @@ preset twist (paper, II-B).
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from collections.abc import Sequence
+from typing import Any, ClassVar, Self, cast
 
 import attrs
 import numpy as np
 
-from ..checks import ARRAY_EQ, Array, array, number
+from ..checks import ARRAY_EQ, Array, Checked, Entry, array, described, given
 from ..errors import DefinitionError
 from .piecewise import PiecewisePolynomial
 
-
-def _length(value: Any) -> float:
-    return number(value, "length", above=0.0, unit="m")
+_LENGTH = Entry("m", above=0.0)
 
 
-def _curvature(value: Any) -> Array:
-    return array([value, 0.0, 0.0] if np.ndim(value) == 0 else value, "curvature", (3,), unit="1/m")
+class Piece(Checked):
+    """A piece of a tube's preset shape: on each of its parts ``u*`` is a polynomial, linear in the piece's rows."""
+
+    __slots__ = ()
+
+    rows: ClassVar[str] = ""
+    """The argument that holds its rows ``(k, 3)``, or its only one; empty: it has none, and ``u*`` is zero."""
+
+    length: Any
+
+    def parts(self, rows: Sequence[Any], stretch: Any = 1.0) -> list[tuple[Any, list[Any]]]:
+        """Lengths of its parts, and the coefficients of powers of ``sigma``, counted from where each begins.
+
+        ``rows`` stand in the place of its own, and may be numbers, vectors or symbols, as may the ``stretch`` of its
+        length.
+        """
+        return [(stretch * self.length, list(rows))]
+
+    def polynomial(self) -> PiecewisePolynomial:
+        """``u*`` along the piece."""
+        rows = np.atleast_2d(getattr(self, self.rows)) if self.rows else np.zeros((1, 3))
+        ((_, coefficients),) = self.parts(list(rows))
+        return PiecewisePolynomial(np.array([0.0, self.length]), np.array(coefficients)[:, None, :])
+
+    def stretched(self, length: float) -> Self:
+        """The piece with another length."""
+        return attrs.evolve(cast(Any, self), length=length)  # type: ignore[no-any-return]
 
 
-def _coefficients(value: Any) -> Array:
-    rows = array(value, "coefficients", (None, 3), unit="1/m")
-    if len(rows) == 0:
-        raise DefinitionError("coefficients has no row, but needs at least one row of three numbers in 1/m")
-    return rows
+class _Bend(Entry):
+    """A curvature vector, or a scalar ``kappa`` for ``(kappa, 0, 0)``."""
 
-
-def _sample_points(value: Any) -> Array:
-    return array(value, "arc_length", (None,), unit="m")
-
-
-def _samples(value: Any) -> Array:
-    return array(value, "curvature", (None, 3), unit="1/m")
+    def checked(self, value: Any, field: str) -> Array:
+        return array([value, 0.0, 0.0] if np.ndim(value) == 0 else value, field, self.shape, unit=self.unit)
 
 
 @attrs.frozen
-class Straight:
+class Straight(Piece):
     """A straight piece of the given length (m).
 
     >>> Straight(0.1).length
     0.1
     """
 
-    length: float = attrs.field(converter=_length)
-
-    def polynomial(self) -> PiecewisePolynomial:
-        """``u*`` along the piece."""
-        return _one_piece(self.length, np.zeros((1, 3)))
+    kind = "straight"
+    entries = described(length=_LENGTH)
+    length: float = attrs.field(converter=given)
 
 
 @attrs.frozen
-class Arc:
+class Arc(Piece):
     """A piece of constant curvature vector: a circular arc, or a helix where ``u*_z`` is not zero.
 
     Parameters
@@ -72,16 +86,15 @@ class Arc:
     array([10.,  0.,  0.])
     """
 
-    length: float = attrs.field(converter=_length)
-    curvature: Array = attrs.field(converter=_curvature, eq=ARRAY_EQ, hash=False)
-
-    def polynomial(self) -> PiecewisePolynomial:
-        """``u*`` along the piece."""
-        return _one_piece(self.length, self.curvature[None, :])
+    kind = "arc"
+    entries = described(length=_LENGTH, curvature=_Bend("1/m", (3,), scalar_too=True))
+    rows = "curvature"
+    length: float = attrs.field(converter=given)
+    curvature: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
 
 
 @attrs.frozen
-class PolynomialCurvature:
+class PolynomialCurvature(Piece):
     """``u*(q) = sum_k coefficients[k] q^k`` with ``q`` in ``[0, 1]`` along the piece.
 
     Parameters
@@ -99,16 +112,25 @@ class PolynomialCurvature:
     (2, 3)
     """
 
-    length: float = attrs.field(converter=_length)
-    coefficients: Array = attrs.field(converter=_coefficients, eq=ARRAY_EQ, hash=False)
+    kind = "polynomial"
+    entries = described(length=_LENGTH, coefficients=Entry("1/m", (None, 3)))
+    rows = "coefficients"
+    length: float = attrs.field(converter=given)
+    coefficients: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
 
-    def polynomial(self) -> PiecewisePolynomial:
-        """``u*`` along the piece."""
-        return _one_piece(self.length, np.array(along_arc_length(list(self.coefficients), self.length)))
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
+        if len(self.coefficients) == 0:
+            raise DefinitionError("coefficients has no row, but needs at least one row of three numbers in 1/m")
+
+    def parts(self, rows: Sequence[Any], stretch: Any = 1.0) -> list[tuple[Any, list[Any]]]:
+        """One part, whose rows multiply powers of ``sigma / length``."""
+        length = stretch * self.length
+        return [(length, [row / length**k for k, row in enumerate(rows)])]
 
 
 @attrs.frozen
-class SampledCurvature:
+class SampledCurvature(Piece):
     """Measured curvature, interpolated by a cubic spline (not-a-knot; linear and parabolic for 2 and 3 samples).
 
     Parameters
@@ -124,10 +146,18 @@ class SampledCurvature:
     0.05
     """
 
-    arc_length: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=_sample_points)
-    curvature: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=_samples)
+    kind = "sampled"
+    entries = described(
+        arc_length=Entry("m", (None,)),
+        curvature=Entry("1/m", (None, 3)),
+    )
+    csv = 4, {"arc_length": 0, "curvature": slice(1, 4)}
+    rows = "curvature"
+    arc_length: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=given)
+    curvature: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=given)
 
     def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
         samples = len(self.arc_length)
         if samples < 2:
             raise DefinitionError(f"arc_length has {samples} entries, but a sampled curvature needs at least 2")
@@ -155,33 +185,35 @@ class SampledCurvature:
         spline = CubicSpline(self.arc_length, self.curvature)
         return PiecewisePolynomial(np.asarray(spline.x, dtype=np.float64), np.asarray(spline.c[::-1], dtype=np.float64))
 
-    def basis(self) -> Array:
-        """The spline's coefficients ``(4, k - 1, k)`` for a unit value at each of the ``k`` samples: it is linear."""
+    def parts(self, rows: Sequence[Any], stretch: Any = 1.0) -> list[tuple[Any, list[Any]]]:
+        """A part between two samples; the spline is linear in them."""
         from scipy.interpolate import CubicSpline
 
-        return np.asarray(CubicSpline(self.arc_length, np.eye(len(self.arc_length))).c[::-1], dtype=np.float64)
+        basis = CubicSpline(self.arc_length, np.eye(len(self.arc_length))).c[::-1].transpose(1, 0, 2)
+        return [
+            (stretch * float(width), [_combined(row, rows) / stretch**d for d, row in enumerate(part)])
+            for width, part in zip(np.diff(self.arc_length), basis, strict=True)
+        ]
+
+    def stretched(self, length: float) -> SampledCurvature:
+        """The piece with another length, all samples moved alike."""
+        return attrs.evolve(self, arc_length=self.arc_length * (length / self.length))
 
 
-PrecurvaturePiece: TypeAlias = Straight | Arc | PolynomialCurvature | SampledCurvature
+def _combined(weights: Array, rows: Sequence[Any]) -> Any:
+    return sum((float(weight) * row for weight, row in zip(weights, rows, strict=True)), 0.0)
+
+
 PIECES = (Straight, Arc, PolynomialCurvature, SampledCurvature)
 
 
-def as_pieces(value: Any) -> tuple[PrecurvaturePiece, ...]:
+def as_pieces(value: Any) -> tuple[Piece, ...]:
     """One piece, or several in the order from base to tip, as a tuple."""
-    pieces = (value,) if isinstance(value, PIECES) else value
+    pieces = (value,) if isinstance(value, Piece) else value
     if not isinstance(pieces, (list, tuple)) or not pieces:
         raise DefinitionError(f"precurvature = {value!r} must be a piece or a non-empty list of pieces")
     for k, piece in enumerate(pieces):
-        if not isinstance(piece, PIECES):
+        if not isinstance(piece, Piece):
             names = ", ".join(kind.__name__ for kind in PIECES)
             raise DefinitionError(f"precurvature[{k}] = {piece!r} must be one of {names}")
     return tuple(pieces)
-
-
-def along_arc_length(coefficients: list[Any], length: Any) -> list[Any]:
-    """Rows that multiply powers of ``q = sigma / length`` as rows that multiply powers of ``sigma``."""
-    return [row / length**k for k, row in enumerate(coefficients)]
-
-
-def _one_piece(length: float, coefficients: Array) -> PiecewisePolynomial:
-    return PiecewisePolynomial(np.array([0.0, length]), np.asarray(coefficients)[:, None, :])

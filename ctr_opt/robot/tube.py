@@ -8,10 +8,10 @@ from typing import Any
 
 import attrs
 
-from ..checks import number
+from ..checks import Checked, Entry, described, number
 from ..errors import DefinitionError
 from .piecewise import PiecewisePolynomial
-from .precurvature import PrecurvaturePiece, as_pieces
+from .precurvature import Piece, as_pieces
 
 # What follows from diameters and moduli, of numbers and of symbols alike.
 
@@ -58,12 +58,11 @@ STIFFNESSES: dict[str, Callable[[Numbers], Any]] = {"bending_stiffness": _bendin
 """What each stiffness follows from where it is not given; None where that is missing."""
 
 
-def _positive_or_none(value: Any, field: str, unit: str) -> float | None:
-    return None if value is None else number(value, field, above=0.0, unit=unit)
+_MODULUS, _STIFFNESS = Entry("Pa", above=0.0, optional=True), Entry("N m^2", above=0.0, optional=True)
 
 
 @attrs.frozen(kw_only=False)
-class Tube:
+class Tube(Checked):
     """A tube: its cross-section, its material and its preset shape.
 
     Stiffnesses follow from the diameters and moduli, ``EI = E pi (D^4 - d^4) / 64`` and ``GJ = 2 G I``
@@ -101,10 +100,20 @@ class Tube:
     (0.01975, 0.3)
     """
 
+    entries = described(
+        outer_diameter=Entry("m", above=0.0),
+        inner_diameter=Entry("m", least=0.0),
+        youngs_modulus=_MODULUS,
+        shear_modulus=_MODULUS,
+        poisson_ratio=Entry("1", above=-1.0, most=0.5, optional=True),
+        density=Entry("kg/m^3", least=0.0),
+        bending_stiffness=_STIFFNESS,
+        torsional_stiffness=_STIFFNESS,
+    )
     name: str
     outer_diameter: float
     inner_diameter: float
-    precurvature: tuple[PrecurvaturePiece, ...]
+    precurvature: tuple[Piece, ...]
     youngs_modulus: float | None = None
     shear_modulus: float | None = None
     poisson_ratio: float | None = None
@@ -117,6 +126,7 @@ class Tube:
         if not isinstance(self.name, str) or not self.name:
             raise DefinitionError(f"tube name = {self.name!r} must be a non-empty text")
         try:
+            super().__attrs_post_init__()
             self._check()
         except DefinitionError as error:
             raise DefinitionError(f"tube {self.name!r}: {error}") from None
@@ -125,24 +135,15 @@ class Tube:
         def put(field: str, value: object) -> None:
             object.__setattr__(self, field, value)
 
-        put("outer_diameter", number(self.outer_diameter, "outer_diameter", above=0.0, unit="m"))
-        put("inner_diameter", number(self.inner_diameter, "inner_diameter", least=0.0, unit="m"))
         if self.inner_diameter >= self.outer_diameter:
             raise DefinitionError(
                 f"inner_diameter = {self.inner_diameter:g} m must be below outer_diameter = {self.outer_diameter:g} m"
             )
-        put("youngs_modulus", _positive_or_none(self.youngs_modulus, "youngs_modulus", "Pa"))
-        put("shear_modulus", _positive_or_none(self.shear_modulus, "shear_modulus", "Pa"))
-        put("density", number(self.density, "density", least=0.0, unit="kg/m^3"))
-        for name in STIFFNESSES:
-            put(f"_{name}", _positive_or_none(getattr(self, f"_{name}"), name, "N m^2"))
-        if self.poisson_ratio is not None:
-            put("poisson_ratio", number(self.poisson_ratio, "poisson_ratio", above=-1.0, most=0.5))
-            if self.shear_modulus is not None:
-                raise DefinitionError(
-                    f"shear_modulus = {self.shear_modulus:g} Pa and poisson_ratio = {self.poisson_ratio:g} "
-                    "are both given: give one of them"
-                )
+        if self.poisson_ratio is not None and self.shear_modulus is not None:
+            raise DefinitionError(
+                f"shear_modulus = {self.shear_modulus:g} Pa and poisson_ratio = {self.poisson_ratio:g} "
+                "are both given: give one of them"
+            )
         if self.youngs_modulus is None and self._bending_stiffness is None:
             raise DefinitionError("youngs_modulus is missing: give it, in Pa, or bending_stiffness, in N m^2")
         if self._stiffness("torsional_stiffness") is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks import Array, array, choice, direction, number, whole
 from ..errors import DefinitionError
-from ..robot.precurvature import PrecurvaturePiece, SampledCurvature, Straight
+from ..robot.precurvature import Piece, SampledCurvature, Straight
 from .noise import numbers, points_of, spreads_of
 from .propagation import Propagation
 from .smoothing import LEAST_FREEDOM, Data, Smoother, best, polynomials
@@ -83,7 +83,7 @@ class PrecurvatureFit:
         return SampledCurvature(self.arc_length, self.curvature)
 
     @property
-    def pieces(self) -> tuple[PrecurvaturePiece, ...]:
+    def pieces(self) -> tuple[Piece, ...]:
         """The whole precurvature of the tube: the straight part, if there is one, and the measured part."""
         return (Straight(self.straight), self.piece) if self.straight else (self.piece,)
 

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import attrs
 import numpy as np
 
-from ...checks import Array, number
+from ...checks import Array, Entry, Table, number
 from ...layout.observables import Observable, ObservedList
-from .kind import Entry, Measurement, Part, Table
+from .kind import Measurement, Part
 from .kind import tube as tube_index
 
 
@@ -78,7 +78,7 @@ class TorqueMeasurement(_OfActuator):
     torque: float = attrs.field(converter=_torque)
     sigma: float | None = None
 
-    field, si = "torque", "N*m"
+    field, si = "torque", "N m"
     parts = (Part("torques", "torque", "N m"),)
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, array, flag
+from ...checks import ARRAY_EQ, Array, Entry, Table, array, flag
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Somewhere
-from .kind import POINTS, Entry, Measurement, Table, as_given, distances, vector_sigma
+from .kind import POINTS, Measurement, as_given, distances, vector_sigma
 from .position import PositionMeasurement
 
 
@@ -65,7 +65,7 @@ class BackboneMeasurement(Measurement):
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
         """Points, which may have arc lengths."""
-        entries = {"sigma": vector_sigma("m"), "ordered": Entry("flag", required=False)}
+        entries = {"sigma": vector_sigma("m"), "ordered?": Entry("flag")}
         return (Table("points", entries, _points, {"x": "m", "y": "m", "z": "m"}, {"s": "m"}),)
 
     @staticmethod

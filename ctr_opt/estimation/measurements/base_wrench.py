@@ -8,10 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, array
+from ...checks import ARRAY_EQ, Array, Entry, Table, array
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList
-from .kind import Entry, Measurement, Part, Table, six, vector_sigma
+from .kind import Measurement, Part, six, vector_sigma
 
 
 def _wrench(value: Any) -> Array:
@@ -55,7 +55,7 @@ class BaseWrenchMeasurement(Measurement):
 
     one_unit = False
     parts = (Part("wrenches", "base force", "N", last=3), Part("wrenches", "base moment", "N m", first=3))
-    columns = {"base_force": "N", "base_moment": "N*m"}  # noqa: RUF012
+    columns = {"base_force": "N", "base_moment": "N m"}  # noqa: RUF012
 
     def __attrs_post_init__(self) -> None:
         _ = self.whitener
@@ -73,8 +73,8 @@ class BaseWrenchMeasurement(Measurement):
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
         """Force and moment."""
-        entries = {"force": Entry("N", (3,)), "moment": Entry("N*m", (3,))}
-        entries |= {"force_sigma": vector_sigma("N"), "moment_sigma": vector_sigma("N*m")}
+        entries = {"force": Entry("N", (3,)), "moment": Entry("N m", (3,))}
+        entries |= {"force_sigma": vector_sigma("N"), "moment_sigma": vector_sigma("N m")}
         return (Table("base_wrench", entries, _of_parts),)
 
     @classmethod

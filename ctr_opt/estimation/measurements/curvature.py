@@ -8,10 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, array
+from ...checks import ARRAY_EQ, Array, Entry, Table, array
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place, Stacked
-from .kind import Entry, Measurement, Part, Table, as_given, places
+from .kind import Measurement, Part, as_given, places
 from .kind import tube as tube_index
 
 
@@ -67,7 +67,7 @@ class CurvatureMeasurement(Measurement):
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
         """Two curvatures at places along a tube."""
-        entries = {"sigma": Entry("1/m", (2,), scalar_too=True), "tube": Entry("tube", required=False)}
+        entries = {"sigma": Entry("1/m", (2,), scalar_too=True), "tube?": Entry("tube")}
         return (Table("curvatures", entries, _fibre, {"s": "m", "u_x": "1/m", "u_y": "1/m"}),)
 
     @staticmethod

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import attrs
 import numpy as np
 
-from ...checks import Array, array, index, number
+from ...checks import Array, Entry, Table, array, index, number
 from ...errors import DefinitionError
 from ...layout.observables import Distal, Observable, ObservedList, Place, Stacked
 
@@ -67,33 +67,6 @@ def sensor_name(value: Any) -> str | None:
 
 
 # -- files and reports -------------------------------------------------------------------------------------------------
-
-
-@attrs.frozen
-class Entry:
-    """A value in a table of a file: its SI unit, or ``"tube"`` or ``"flag"``; its shape, default a number.
-
-    ``scalar_too``: one number may stand for all.
-    """
-
-    unit: str
-    shape: tuple[int, ...] = ()
-    scalar_too: bool = False
-    required: bool = True
-
-
-@attrs.frozen
-class Table:
-    """A table ``[[measurements]]`` of a file with a ``kind``: its entries, and what makes the measurement of them.
-
-    With ``needed`` columns, and ``optional`` ones, it names a CSV file: ``make`` takes their values by name, first.
-    """
-
-    kind: str
-    entries: Mapping[str, Entry]
-    make: Callable[..., Measurement]
-    needed: Mapping[str, str] = attrs.field(factory=dict)
-    optional: Mapping[str, str] = attrs.field(factory=dict)
 
 
 @attrs.frozen

@@ -8,10 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import Array, array, index
+from ...checks import Array, Entry, Table, array, index
 from ...errors import DefinitionError
 from ...layout.observables import Distal, Observable, ObservedList, Place
-from .kind import DIRECTIONS, POINTS, Entry, Measurement, Table, place, sensor_name, six, vector_sigma
+from .kind import DIRECTIONS, POINTS, Measurement, place, sensor_name, six, vector_sigma
 
 
 def _pose(value: Any) -> Array:
@@ -80,7 +80,7 @@ class PoseMeasurement(Measurement):
             "position_sigma": vector_sigma("m"),
             "rotation_sigma": vector_sigma("rad"),
         }
-        return (Table("tip_pose", entries | {"tube": Entry("tube", required=False)}, _at_end),)
+        return (Table("tip_pose", entries | {"tube?": Entry("tube")}, _at_end),)
 
     @staticmethod
     def compare(measured: Sequence[PoseMeasurement], values: ObservedList) -> tuple[Array, Array]:

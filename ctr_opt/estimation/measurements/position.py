@@ -9,10 +9,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, array
+from ...checks import ARRAY_EQ, Array, Entry, Table, array
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place
-from .kind import POINTS, Entry, Measurement, Table, as_given, distances, places, sensor_name, vector_sigma
+from .kind import POINTS, Measurement, as_given, distances, places, sensor_name, vector_sigma
 
 
 @lru_cache

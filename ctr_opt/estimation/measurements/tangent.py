@@ -9,10 +9,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import Array, array
+from ...checks import Array, Entry, Table, array
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place
-from .kind import DIRECTIONS, Entry, Measurement, Table, place, sensor_name
+from .kind import DIRECTIONS, Measurement, place, sensor_name
 
 
 def _direction(value: Any) -> Array:

@@ -1,0 +1,125 @@
+"""CSV tables of numbers; most with a first line that names the columns, with units in brackets: ``tip_x [mm]``."""
+
+from __future__ import annotations
+
+import csv
+import re
+import reprlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..checks import Array
+from ..errors import DefinitionError
+from .units import to_si
+
+_NUMBER = "a finite number, or empty"
+_COLUMN = re.compile(r"\s*([A-Za-z]\w*?)\s*(?:\[([^\]]*)\])?\s*")
+
+
+def read_csv(file: Path, columns: int) -> Array:
+    """A table of numbers in SI, comma-separated, ``#`` before comments; ``(rows, columns)``."""
+    table = []
+    for line, row in said_lines(file):
+        try:
+            entries = [float(entry) for entry in row.split(",")]
+        except ValueError:
+            raise DefinitionError(
+                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} numbers with commas, "
+                "or a comment behind a #"
+            ) from None
+        if len(entries) != columns or not np.all(np.isfinite(entries)):
+            raise DefinitionError(
+                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} finite numbers with commas"
+            )
+        table.append(entries)
+    if not table:
+        raise DefinitionError(f"{file} holds no numbers, but must hold lines of {columns}")
+    return np.array(table)
+
+
+def read_rows(file: Path, names: str = "") -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """The header, and the lines below it with their numbers, each with as many entries; ``names`` are for messages."""
+    rows = [(line, next(csv.reader([row]))) for line, row in said_lines(file)]
+    if len(rows) < 2:
+        raise DefinitionError(f"{file} must hold a line of names{names} and lines of numbers")
+    header = rows[0][1]
+    for line, row in rows[1:]:
+        if len(row) != len(header):
+            raise DefinitionError(
+                f"{file}: line {line} has {len(row)} entries, but must have {len(header)}, one for each column"
+            )
+    return header, rows[1:]
+
+
+def columns_of(
+    file: Path, header: list[str], unit_of: Callable[[str], str | None], allowed: str
+) -> dict[str, tuple[int, float]]:
+    """Where each column stands, and by what its numbers are multiplied to be SI.
+
+    ``unit_of``: the SI unit of a column by its name, None for a name that is none; ``allowed``: the columns, in words.
+    """
+    found: dict[str, tuple[int, float]] = {}
+    for k, text in enumerate(header):
+        match = _COLUMN.fullmatch(text)
+        name = match[1] if match else text.strip()
+        unit = unit_of(name) if match else None
+        if unit is None or name in found:
+            what = "is given twice" if name in found else "is no column here"
+            raise DefinitionError(f"{file}: column {text.strip()!r} {what}; the columns are {allowed}")
+        try:
+            factor = to_si(f"1 {match[2]}", unit) if match and match[2] else 1.0
+        except ValueError as error:
+            raise DefinitionError(f"{file}: column {text.strip()!r} {error}") from None
+        found[name] = k, factor
+    return found
+
+
+def value_of(file: Path, line: int, name: str, text: str, factor: float, wanted: str = _NUMBER) -> float:
+    """A number in SI; not a number where nothing stands. ``wanted``: what messages say that it must be."""
+    text = text.strip()
+    if not text:
+        return float("nan")
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("inf")
+    if not np.isfinite(value):
+        raise DefinitionError(f"{file}: line {line}, column {name!r}: {text!r} must be {wanted}")
+    return value * factor
+
+
+def read_columns(file: Path, needed: Mapping[str, str], others: Mapping[str, str] | None = None) -> dict[str, Array]:
+    """Columns ``(rows,)`` by their names, in SI.
+
+    ``needed`` and ``others``: SI units of columns that must be there, and may be. No field may be empty. ``"line"``:
+    the lines' numbers in the file.
+    """
+    units = {**needed, **(others or {})}
+    header, rows = read_rows(file, f" ({', '.join(units)})")
+    columns = columns_of(file, header, units.get, ", ".join(units))
+    for name in needed:
+        if name not in columns:
+            raise DefinitionError(f"{file}: column {name!r} is missing")
+    found = {name: np.empty(len(rows)) for name in columns}
+    for k, (line, row) in enumerate(rows):
+        for name, (place, factor) in columns.items():
+            found[name][k] = value_of(file, line, name, row[place], factor, "a finite number")
+            if np.isnan(found[name][k]):
+                raise DefinitionError(f"{file}: line {line}, column {name!r} is empty")
+    return found | {"line": np.array([line for line, _ in rows], dtype=np.float64)}
+
+
+def said_lines(file: Path) -> list[tuple[int, str]]:
+    """The lines that say something, with their numbers."""
+    try:
+        lines = file.read_text("utf-8-sig").splitlines()
+    except OSError as error:
+        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise DefinitionError(f"{file} is no text in UTF-8, so no CSV file") from None
+    except ValueError as error:
+        raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
+    rows = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, start=1)]
+    return [(k, row) for k, row in rows if row]
