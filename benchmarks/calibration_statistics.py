@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import binom, chi2, norm
 
 import ctr_opt as ctr
-from ctr_opt.calibration.fit import REJECTED
+from ctr_opt.calibration.solution import REJECTED
 from ctr_opt.estimation.losses import LOSSES
 from ctr_opt.files.calibration import load_calibration
 from ctr_opt.layout.ends import Ends

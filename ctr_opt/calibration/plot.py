@@ -10,18 +10,17 @@ from ..estimation.chi_square import quantile
 from ..estimation.measurements.kind import POINTS
 from ..robot.names import symbol
 from .report import is_point, sizes_by_place
+from .solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .fit import Fit
-
 _INSIDE = 0.95  # probability of the confidence ellipses
 _MOST_LABELS = 24
 
 
-def figure_fit(fit: Fit) -> Figure:
+def figure_fit(fit: Solution) -> Figure:
     """Four panels."""
     import matplotlib.pyplot as plt
 
@@ -33,7 +32,7 @@ def figure_fit(fit: Fit) -> Figure:
     return figure
 
 
-def plot_histogram(fit: Fit, ax: Axes | None = None, *, where: str | None = None) -> Axes:
+def plot_histogram(fit: Solution, ax: Axes | None = None, *, where: str | None = None) -> Axes:
     """Histogram of the distances of measured points, as the paper's Fig. 12; by default those at the tip."""
     ax = _axes(ax)
     errors = sizes_by_place(fit, POINTS)
@@ -50,7 +49,7 @@ def plot_histogram(fit: Fit, ax: Axes | None = None, *, where: str | None = None
     return ax
 
 
-def plot_residuals(fit: Fit, ax: Axes | None = None) -> Axes:
+def plot_residuals(fit: Solution, ax: Axes | None = None) -> Axes:
     """Residuals of measured points against arc length, an axis each."""
     ax = _axes(ax)
     points = [each for each in fit.residuals if is_point(fit, each)]
@@ -64,7 +63,7 @@ def plot_residuals(fit: Fit, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_correlation(fit: Fit, ax: Axes | None = None) -> Axes:
+def plot_correlation(fit: Solution, ax: Axes | None = None) -> Axes:
     """The correlation matrix."""
     ax = _axes(ax)
     labels = [symbol(label) for label in fit.labels]
@@ -76,7 +75,7 @@ def plot_correlation(fit: Fit, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_ellipse(fit: Fit, ax: Axes | None = None, *, pair: tuple[str, str] | None = None) -> Axes:
+def plot_ellipse(fit: Solution, ax: Axes | None = None, *, pair: tuple[str, str] | None = None) -> Axes:
     """95 % confidence ellipse of two numbers; by default of the pair that is correlated most."""
     ax = _axes(ax)
     found = _pair(fit) if pair is None else tuple(fit.labels.index(label) for label in pair)
@@ -99,7 +98,7 @@ def plot_ellipse(fit: Fit, ax: Axes | None = None, *, pair: tuple[str, str] | No
     return ax
 
 
-def _pair(fit: Fit) -> tuple[int, int] | None:
+def _pair(fit: Solution) -> tuple[int, int] | None:
     size = np.abs(np.nan_to_num(np.tril(fit.correlation, -1)))
     if len(fit.labels) < 2 or size.max() == 0.0:
         return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import attrs
 import numpy as np
@@ -13,13 +13,15 @@ from ..checks import Array
 from ..errors import DefinitionError, EstimationError, EstimationWarning
 from ..estimation.experiment import Experiment
 from .estimation import Estimation
-from .fit import Fit, Residual
 from .reduced import Found, solve_reduced
+from .solution import Residual, Solution
+
+Fit = TypeVar("Fit", bound=Solution)
 
 _FEW = 0.05  # the share of a bootstrap's repetitions that may be left out
 
 
-def profile(fit: Fit, label: str, count: int, width: float) -> tuple[Array, Array]:
+def profile(fit: Solution, label: str, count: int, width: float) -> tuple[Array, Array]:
     """Values of a number, and the loss with all others estimated anew, over the least."""
     if label not in fit.labels:
         raise DefinitionError(f"label = {label!r} must be one of {', '.join(fit.labels)}")
@@ -34,9 +36,9 @@ def profile(fit: Fit, label: str, count: int, width: float) -> tuple[Array, Arra
     for value in values:
         x = fit.found.x.copy()
         x[k] = value
-        found = _answer(f"the profile at {label} = {value:g}", estimation, fit.equilibria, start=x, fixed=[k])
-        linearized = estimation.linearize(found.x, found.states)
-        costs.append(estimation.cost(linearized) + estimation.prior_cost(found.x) - fit.objective)
+        point = _answer(f"the profile at {label} = {value:g}", estimation, fit.equilibria, start=x, fixed=[k])
+        linearized = estimation.linearize(point.x, point.states)
+        costs.append(estimation.cost(linearized) + estimation.prior_cost(point.x) - fit.objective)
     return values, np.array(costs)
 
 
@@ -50,7 +52,7 @@ def without(fit: Fit, experiments: Sequence[int] | int) -> Fit:
     return _refit(fit, kept, f"the fit without {_listed(dropped)}")
 
 
-def errors_without(fit: Fit, experiments: Sequence[int] | int) -> list[Residual]:
+def errors_without(fit: Solution, experiments: Sequence[int] | int) -> list[Residual]:
     """The residuals of experiments that a fit to the others predicts."""
     numbers = _numbered(fit, experiments)
     other = without(fit, numbers)
@@ -70,10 +72,10 @@ def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
             )
     others = fit.estimation.of(experiments)
     states = others.states(fit.found.x, others.equilibria_of(fit.found.x, whose))
-    return Fit(others, attrs.evolve(fit.found, states=states), fit.method)
+    return type(fit)(others, attrs.evolve(fit.found, states=states), fit.method)
 
 
-def bootstrap(fit: Fit, repetitions: int, seed: int) -> Array:
+def bootstrap(fit: Solution, repetitions: int, seed: int) -> Array:
     """Estimates from experiments drawn again with replacement, a row for each repetition that has an answer."""
     _check_shared(fit)
     rng, count = np.random.default_rng(seed), len(fit.estimation.experiments)
@@ -94,7 +96,7 @@ def bootstrap(fit: Fit, repetitions: int, seed: int) -> Array:
     return np.array(estimates)
 
 
-def _redrawn(fit: Fit, chosen: Any, whose: str) -> Array:
+def _redrawn(fit: Solution, chosen: Any, whose: str) -> Array:
     """Estimates from a choice of experiments, which must determine what all of them do."""
     found = _refit(fit, chosen, whose).estimates
     open_before = np.isnan(fit.estimates)
@@ -110,7 +112,7 @@ def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
         drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen])
     except DefinitionError as error:  # as where a density is left without gravity
         raise EstimationError(f"{whose} is none: {error}") from error
-    return Fit(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.found.x), "reduced")
+    return type(fit)(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.found.x), "reduced")
 
 
 def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any) -> Found:
@@ -124,14 +126,14 @@ def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any
     return found
 
 
-def _check_shared(fit: Fit) -> None:
+def _check_shared(fit: Solution) -> None:
     for entry in fit.estimation.unknowns.entries:
         if entry.experiment is not None:
             told = f"{entry.name} belongs to one experiment, so that none can be left out or drawn again"
             raise EstimationError(told)
 
 
-def _numbered(fit: Fit, experiments: Sequence[int] | int) -> list[int]:
+def _numbered(fit: Solution, experiments: Sequence[int] | int) -> list[int]:
     """The numbers of experiments that there are."""
     count = len(fit.estimation.experiments)
     given = [experiments] if np.ndim(experiments) == 0 else list(experiments)  # type: ignore[arg-type]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..checks import Array
@@ -13,23 +11,20 @@ from ..estimation.measurements.kind import POINTS, Part
 from ..forward.report import row
 from ..layout.observables import Distal, Observable, Somewhere
 from ..robot.names import shown, symbol
-from .fit import REJECTED
-
-if TYPE_CHECKING:
-    from .fit import Fit, Residual
+from .solution import REJECTED, Residual, Solution
 
 _FEW = 6  # arc lengths that are told one by one
 _CORRELATED = 0.9  # pairs of parameters from here on are named
 
 
-def fit_report(fit: Fit) -> str:
+def fit_report(fit: Solution) -> str:
     """Everything about a fit."""
     return "\n".join(
         [*_heading(fit), "", *parameter_table(fit), *_open(fit), *_correlated(fit), "", *residual_lines(fit)]
     )
 
 
-def _heading(fit: Fit) -> list[str]:
+def _heading(fit: Solution) -> list[str]:
     estimation = fit.estimation
     numbers = sum(each.numbers for each in estimation.experiments)
     places = sum(layout.blocks.places for layout in estimation.layouts)
@@ -52,7 +47,7 @@ def _heading(fit: Fit) -> list[str]:
     return lines
 
 
-def _loss(fit: Fit) -> str:
+def _loss(fit: Solution) -> str:
     name = fit.estimation.loss
     told = {
         "squared": "weighted least squares",
@@ -63,7 +58,7 @@ def _loss(fit: Fit) -> str:
     return f"{told[name]}; {fit.objective:.6g} at the solution"
 
 
-def _verdict(fit: Fit) -> str:
+def _verdict(fit: Solution) -> str:
     if np.isnan(fit.p_value):
         return ""
     if fit.estimation.loss != "squared":
@@ -73,7 +68,7 @@ def _verdict(fit: Fit) -> str:
     return f" (p < {REJECTED:g}): rejected; errors are for {fit.noise:.2f} times the given noise level"
 
 
-def parameter_table(fit: Fit) -> list[str]:
+def parameter_table(fit: Solution) -> list[str]:
     """A line for each number: nominal, estimate, standard error."""
     unknowns = fit.estimation.unknowns
     lines = [f"  {'parameter':<36}{'start':>12}{'estimate':>14}{'+-':>12}   {'unit':<6}"]
@@ -84,7 +79,7 @@ def parameter_table(fit: Fit) -> list[str]:
     return lines
 
 
-def _open(fit: Fit) -> list[str]:
+def _open(fit: Solution) -> list[str]:
     lines = []
     if fit.vague:
         lines += ["", f"  Known only vaguely, to no better than their size: {', '.join(map(symbol, fit.vague))}"]
@@ -98,7 +93,7 @@ def _open(fit: Fit) -> list[str]:
     return lines
 
 
-def _correlated(fit: Fit) -> list[str]:
+def _correlated(fit: Solution) -> list[str]:
     pairs = [
         (fit.correlation[i, j], i, j)
         for i in range(len(fit.labels))
@@ -113,7 +108,7 @@ def _correlated(fit: Fit) -> list[str]:
     return lines
 
 
-def residual_lines(fit: Fit) -> list[str]:
+def residual_lines(fit: Solution) -> list[str]:
     """Sizes of the residuals by what was measured and where, and experiments that do not fit."""
     lines = []
     for part in dict.fromkeys(part for each in fit.residuals for part in measurement_of(fit, each).parts):
@@ -130,29 +125,29 @@ def residual_lines(fit: Fit) -> list[str]:
     return lines
 
 
-def worst_point(fit: Fit, experiment: int) -> str:
+def worst_point(fit: Solution, experiment: int) -> str:
     """The largest distance of an experiment's points, and where; empty if it has none."""
     points = [each for each in fit.residuals if each.experiment == experiment and is_point(fit, each)]
     worst = max(points, key=lambda each: each.distance, default=None)
     return f"{1e3 * worst.distance:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, " if worst else ""
 
 
-def measurement_of(fit: Fit, residual: Residual) -> Measurement:
+def measurement_of(fit: Solution, residual: Residual) -> Measurement:
     """What a residual is of."""
     return fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
 
 
-def observable_of(fit: Fit, residual: Residual) -> Observable:
+def observable_of(fit: Solution, residual: Residual) -> Observable:
     """What a residual is observed of, and where."""
     return measurement_of(fit, residual).observables[residual.block]
 
 
-def is_point(fit: Fit, residual: Residual) -> bool:
+def is_point(fit: Solution, residual: Residual) -> bool:
     """Whether a residual is that of a measured point."""
     return POINTS in measurement_of(fit, residual).parts
 
 
-def sizes_by_place(fit: Fit, part: Part) -> dict[str, Array]:
+def sizes_by_place(fit: Solution, part: Part) -> dict[str, Array]:
     """Sizes of a part of the residuals, SI, by where they were measured."""
     return {
         name: np.array([np.linalg.norm(each.value[part.of_block]) for each in residuals])
@@ -160,7 +155,7 @@ def sizes_by_place(fit: Fit, part: Part) -> dict[str, Array]:
     }
 
 
-def by_place(fit: Fit, part: Part) -> dict[str, list[Residual]]:
+def by_place(fit: Solution, part: Part) -> dict[str, list[Residual]]:
     """The residuals with such a part by where they were measured: ends of tubes, the tip, sensors, arc lengths."""
     those = [each for each in fit.residuals if part in measurement_of(fit, each).parts]
     observables = [observable_of(fit, each) for each in those]

@@ -45,6 +45,10 @@ class Blocks:
         return self.loss == "squared"
 
     @cached_property
+    def _ones(self) -> Array:
+        return np.ones(int(self.sizes.sum()))
+
+    @cached_property
     def _loss(self) -> Loss:
         same = len(set(self.sizes.tolist())) == 1
         return Loss(self.loss, self.sizes[0] if same else self.sizes)
@@ -54,9 +58,9 @@ class Blocks:
         return self._loss.evaluate(np.add.reduceat(misfit**2, self.starts, axis=-1))
 
     def weights(self, misfit: Array) -> tuple[Array, Array]:
-        """The loss of misfits ``(..., numbers)``, and by what each number's square counts in it, twice."""
+        """The loss of misfits ``(..., numbers)``, and twice its slopes by the numbers' squares; all alike if plain."""
         if self.plain:
-            return 0.5 * np.einsum("...n,...n->...", misfit, misfit), np.ones(misfit.shape)
+            return 0.5 * np.einsum("...n,...n->...", misfit, misfit), self._ones
         rho, first, _ = self.losses(misfit)
         return rho.sum(axis=-1), np.repeat(2.0 * first, self.sizes, axis=-1)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from itertools import compress
 from typing import Any
 
@@ -112,7 +113,7 @@ def _of_fit(fit: Fit, sizes: Mapping[str, int]) -> list[dict[str, Array]]:
     return [{name: own[:, used] @ factor for name, own in rows.items()}]
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, slots=False)
 class Numbered:
     """Unknown loads, the loads that stand for them, and the names, labels and parts of their numbers.
 
@@ -142,16 +143,17 @@ class Numbered:
             templates += each.loads()
         return cls(unknown, first, tuple(templates), tuple(names), tuple(labels), tuple(parts))
 
+    @cached_property
+    def fields(self) -> list[str]:
+        """The field of each number."""
+        return [number.field for one in self.unknown for number in one.sought for _ in range(number.size)]
+
     def where(self, field: str) -> list[slice]:
         """Where the numbers of a field stand, of every unknown load that has it."""
-        found = []
-        for part, unknown in zip(self.parts, self.unknown, strict=True):
-            start = part.start
-            for number in unknown.sought:
-                if number.field == field:
-                    found.append(slice(start, start + number.size))
-                start += number.size
-        return found
+        starts = [
+            (part.start + self.fields[part].index(field), part) for part in self.parts if field in self.fields[part]
+        ]
+        return [slice(start, start + self.fields[part].count(field)) for start, part in starts]
 
     @property
     def resultants(self) -> list[Array]:
@@ -290,8 +292,7 @@ class Case:
     @property
     def contacts(self) -> list[slice]:
         """Where the numbers of unknown loads at unknown places stand."""
-        both = zip(self.numbered.parts, self.numbered.unknown, strict=True)
-        return [part for part, each in both if any(number.field == "arc_length" for number in each.sought)]
+        return [part for part in self.numbered.parts if "arc_length" in self.numbered.fields[part]]
 
     def resting(self, shape: Equilibrium) -> State:
         """The robot without the unknown loads, its points at the places next to them."""
@@ -369,7 +370,7 @@ def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tup
     from scipy.linalg import block_diag
 
     size = len(numbered.labels)
-    mean, forces = np.zeros(size), np.zeros(size)
+    mean = np.zeros(size)
     scale, lower, upper = extent(robot, numbered, ends)
     information = []
     for k, (part, each) in enumerate(zip(numbered.parts, numbered.unknown, strict=True)):
@@ -378,12 +379,10 @@ def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tup
         known = each.known_before
         information.append(np.zeros((part.stop - part.start,) * 2) if known is None else known.information)
         mean[part] = 0.0 if known is None else known.mean
-    for part in numbered.where("force") + numbered.where("normal_force"):
-        forces[part] = scale[part]
+    fields = np.array(numbered.fields)
+    forces = np.where((fields == "force") | (fields == "normal_force"), scale, 0.0)
     mixing = np.asarray(block_diag(*(each.mixing for each in numbered.unknown)))
-    at_places = np.zeros(size, dtype=bool)
-    for part in numbered.where("arc_length"):
-        at_places[part] = True
+    at_places = fields == "arc_length"
     found = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, at_places, errors.spread)
     return found, forces
 
@@ -401,12 +400,10 @@ def extent(robot: Robot, numbered: Numbered, ends: Ends) -> tuple[Array, Array, 
     """Scales and bounds of the numbers: the former follow from the robot's length, as do those of places."""
     length, stiffness = ends.length, robot.tubes[0].bending_stiffness
     size = len(numbered.labels)
-    scale, lower, upper = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
+    lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
     scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
     scales["density"], scales["normal_force"] = scales["force"] / length, scales["force"]
-    for field, value in scales.items():
-        for part in numbered.where(field):
-            scale[part] = value
+    scale = np.array([scales[field] for field in numbered.fields])
     for part, each in zip(numbered.parts, numbered.unknown, strict=True):
         lower[part], upper[part] = each.limits
         if isinstance(each, PointForce) and each.arc_length is None:

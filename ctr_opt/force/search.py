@@ -63,10 +63,9 @@ class Sought:
         """Mean and inverse covariance of ``x`` and ``e`` before anything is seen."""
         if self.together is not None:
             return self.together
-        from scipy.linalg import block_diag
-
-        errors = self.spread.shape[1]
-        information = np.asarray(block_diag(self.prior_information, np.eye(errors)), dtype=np.float64)
+        count, errors = len(self.prior_mean), self.spread.shape[1]
+        information = np.eye(count + errors)
+        information[:count, :count] = self.prior_information
         return np.append(self.prior_mean, np.zeros(errors)), information
 
     @cached_property
@@ -273,9 +272,9 @@ class Normal:
     scale: Array
     lower: Array
     upper: Array
-    by_place: Array
-    curvatures: Array
-    at_places: Array
+    at_places: tuple[Array, Array, Array]
+    """Second derivatives by places and all else, gradient and curvatures by places."""
+
     orders: Orders
 
     @classmethod
@@ -286,15 +285,17 @@ class Normal:
         weighted = state.weights[:, None] * state.slopes
         matrix = state.slopes.T @ weighted + information
         gradient = weighted.T @ state.misfit + information @ (np.concatenate((state.x, state.e)) - mean)
-        by_place = state.along.T @ weighted
-        at_places, curvatures = pulls(state.misfit, state.along, state.weights)
-        if len(curvatures):
-            ways = free(state.places, search.blocks.orders).T
-            matrix, (gradient,) = eliminated(
-                matrix, gradient[None], ways @ by_place, ways @ curvatures, (ways @ at_places)[None]
+        at_places, orders = (np.zeros((0, len(gradient))), np.zeros(0), np.zeros(0)), search.blocks.orders
+        if orders:
+            at_places = cross, slopes, curvatures = (
+                state.along.T @ weighted,
+                *pulls(state.misfit, state.along, state.weights),
             )
-        bounds, orders = sought.whole_bounds, search.blocks.orders
-        return cls(matrix, gradient, sought.whole_scale, *bounds, by_place, curvatures, at_places, orders)
+            ways = free(state.places, orders).T
+            matrix, (gradient,) = eliminated(
+                matrix, gradient[None], ways @ cross, ways @ curvatures, (ways @ slopes)[None]
+            )
+        return cls(matrix, gradient, sought.whole_scale, *sought.whole_bounds, at_places, orders)
 
     def step(self, state: State, damping: float, hold: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
         """Towards the least, within bounds; not along directions of which nothing is known, or that are to hold."""
@@ -327,7 +328,7 @@ class Normal:
 
     def places(self, state: State, step: Array) -> Array:
         """Where the points go with a step."""
-        if not len(self.curvatures):
+        if not self.orders:
             return state.places
-        slopes = self.at_places + self.by_place @ step
-        return moved(state.places, slopes, np.maximum(self.curvatures, 1e-300), self.orders)
+        cross, slopes, curvatures = self.at_places
+        return moved(state.places, slopes + cross @ step, np.maximum(curvatures, 1e-300), self.orders)
