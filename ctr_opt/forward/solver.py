@@ -8,7 +8,7 @@ from typing import Any
 from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration
 from ..loads.kind import Load
-from ..mechanics.kind import DEAD, Kind, constant_kind
+from ..mechanics.kind import DEAD, Kind, kind_of
 from ..native.library import library
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
@@ -40,7 +40,7 @@ class ForwardSolver:
         """The compiled solver for such loads; None where there is none, or it is not wanted."""
         if not self._compilable:
             return None
-        kind = constant_kind(loads)
+        kind = kind_of(loads)
         problem = self._compiled.get(kind)
         if problem is None:
             kept = library(len(self.robot.tubes), kind)

@@ -23,7 +23,7 @@ from ..loads.field import Field
 from ..loads.kind import Load, Push, lowered
 from ..loads.resolution import resolve
 from ..mechanics import law
-from ..mechanics.kind import Kind
+from ..mechanics.kind import kind_of
 from ..mechanics.law import Stiffness
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
@@ -137,10 +137,7 @@ class Configuration:
         self.break_points = self._break_points()
         self.points = [attrs.evolve(placed, start=self._nearest_break(placed.start)) for placed in self.points]
         pushes = [placed.push for placed in (*self.points, *self.spans)]
-        self.kind = Kind(
-            any(push.body for push in pushes),
-            tuple(dict.fromkeys(push.field for push in pushes if push.field is not None)),
-        )
+        self.kind = kind_of(self.loads, [push.field for push in pushes if push.field is not None])
         self.transmission_twist, self._straightening_energy = self._transmission()
 
     def _place(self) -> None:

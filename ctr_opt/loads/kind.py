@@ -31,8 +31,9 @@ class Push(NamedTuple):
     """What acts on one tube, in numbers or in symbols.
 
     ``places`` names the load's arguments that say where: one for a point, two for a span. ``force`` and ``moment`` are
-    vectors, N and N m, and densities along a span; world-fixed, or in the tube's material frame (``body``). Instead of
-    them, an expression ``field`` with its parameters' ``numbers``, multiplied by ``factor``. Figures show it tied to
+    vectors, N and N m, and densities along a span; world-fixed, or in the tube's material frame (``body``, which
+    follows from the load's ``frame``). Instead of them, an expression ``field`` with its parameters' ``numbers``,
+    multiplied by ``factor``. Figures show it tied to
     the ``anchor (3,)`` in the world, m.
     """
 
@@ -57,6 +58,8 @@ class Load(Checked):
 
     __slots__ = ()
 
+    frame: str = "world"
+    """Of what frame its forces and moments keep their components: ``"world"``, or ``"body"``, its tube's own."""
     pulls: ClassVar[str] = ""
     """The argument by which it accelerates masses, if it does."""
 
@@ -139,7 +142,7 @@ class Load(Checked):
         if hasattr(self, "tube"):
             at_end = self.places == ("arc_length",) and self.where("arc_length") is None
             carrier = f" {'at the end of' if at_end else 'on'} tube {self.tube}"
-        turning = ", in its frame" if getattr(self, "frame", "world") == "body" else ""
+        turning = ", in its frame" if self.frame == "body" else ""
         return f"{type(self).__name__}{carrier}{turning}: {', '.join(told) or 'nothing'}"
 
 
@@ -179,8 +182,9 @@ def pushes_of(
     slots: Counter[Field] = Counter()
     for k, load in enumerate(loads):
         for push in load.lowered(numbers[k], gravity, masses):
-            if push.field is None or not push.field.parameters:
-                yield k, push
-            else:
-                yield k, push._replace(field=attrs.evolve(push.field, slot=slots[push.field]))
-                slots[push.field] += 1
+            if load.frame == "body":
+                push = push._replace(body=True)
+            if push.field is not None and push.field.parameters:
+                slot, slots[push.field] = slots[push.field], slots[push.field] + 1
+                push = push._replace(field=attrs.evolve(push.field, slot=slot))
+            yield k, push

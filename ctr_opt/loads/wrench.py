@@ -23,11 +23,10 @@ class Wrench(Load):
     force: Any
     moment: Any
     tube: int
-    frame: str
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
         """Itself."""
-        yield Push(self.tube, self.places, number("force"), number("moment"), self.frame == "body")
+        yield Push(self.tube, self.places, number("force"), number("moment"))
 
     @property
     def nonconservative(self) -> str:

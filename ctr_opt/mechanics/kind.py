@@ -54,12 +54,15 @@ DEAD = Kind()
 _BODY = Kind(body=True)
 
 
-def constant_kind(loads: Iterable[Any]) -> Kind:
-    """The kind for loads that are constant in the world or in a tube's frame."""
+def kind_of(loads: Iterable[Any], fields: Iterable[Field] = ()) -> Kind:
+    """The kind for loads, and for the expressions that they come to."""
+    kind = DEAD
     for load in loads:  # not any(): it runs in every compiled solve
         if getattr(load, "frame", "world") == "body":
-            return _BODY
-    return DEAD
+            kind = _BODY
+            break
+    expressions = tuple(dict.fromkeys(fields))
+    return attrs.evolve(kind, fields=expressions) if expressions else kind
 
 
 def shared_by_kind(build: Callable[..., _T], most: int) -> Callable[..., _T]:

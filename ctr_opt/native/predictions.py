@@ -19,7 +19,7 @@ from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..layout.observables import Distal, Observable, Observed, ObservedList, Somewhere, Stacked
 from ..loads.kind import Load
-from ..mechanics.kind import constant_kind
+from ..mechanics.kind import kind_of
 from ..robot.actuation import Actuation, joints_of
 from ..robot.names import chosen, parameters, parsed
 from ..robot.robot import Robot
@@ -116,7 +116,7 @@ class Predictions:
         if not experiments:
             raise DefinitionError("experiments is empty")
         self.robot, self.refinements = robot, index(refinements, "refinements")
-        kind = constant_kind(load for _, loads in experiments for load in loads)
+        kind = kind_of(load for _, loads in experiments for load in loads)
         self._native = library(len(robot.tubes), kind).built()
         self.observables = list(observables)
         self.unknowns = self._native.sizes.unknowns
