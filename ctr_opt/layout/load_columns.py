@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import attrs
@@ -17,13 +17,32 @@ from ..mechanics.state import State
 from .configuration import LoadValues, Scales
 
 
+def _one(scales: Scales) -> float:  # noqa: ARG001
+    return 1.0
+
+
+@attrs.frozen
+class Part:
+    """A datum of a column: of how many numbers, which grow with nothing, or with loads or precurvatures.
+
+    ``unit`` gives what they are multiplied by to be dimensionless. ``at_nodes``: whether they are those of one node
+    behind the other. ``grows``: with what each is multiplied where that is, in turn: ``"conservative"`` loads, the
+    ``"rest"`` of them, or the ``"precurvature"``.
+    """
+
+    size: int
+    unit: Callable[[Scales], float] = _one
+    at_nodes: bool = False
+    grows: tuple[str, ...] = ()
+
+
 @attrs.frozen
 class LoadColumns:
     """Order of the data of loads at ``nodes`` places, for functions that provide for ``kind``.
 
     Dead: ``force (3,)``, ``moment (3, tubes)``. Body: the same for every tube, in its frame. Fields: ``place`` (s, m),
     the ``unit`` of length (m), their parameters' ``numbers`` (SI), and factors ``field`` that make forces and energies
-    dimensionless.
+    dimensionless. Those at the end of a step are loads and have the prefix ``point_``, others are densities.
     """
 
     tubes: int
@@ -32,35 +51,34 @@ class LoadColumns:
     prefix: str = ""
 
     @property
-    def sizes(self) -> dict[str, int]:
-        """Entries of each part, all nodes together."""
-        n, c = self.tubes, self.nodes
-        sizes = {"force": 3 * c, "moment": 3 * n * c}
-        if self.kind.body:
-            sizes |= {"body_force": 3 * n * c, "body_moment": 3 * n * c}
-        if self.kind.fields:
-            numbers = sum(field.parameters for field in self.kind.fields)
-            sizes |= {"place": c, "unit": 1, "numbers": numbers, "field": len(self.kind.fields) * c}
-        return {self.prefix + name: size for name, size in sizes.items()}
+    def table(self) -> dict[str, Part]:
+        """The data, all nodes together."""
+        c, fields, along = self.nodes, self.kind.fields, not self.prefix
 
-    def pack(self, loads: LoadValues, places: Array, scales: Scales, length: float) -> dict[str, Array]:
-        """The parts, ``(k, size)``, from loads at ``places (k, nodes)``; ``length`` turns densities into loads."""
-        count, factors = len(places), self.units(scales, length)
-        parts = {"force": loads.force, "moment": loads.moment}
-        if self.kind.body:
-            parts |= {"body_force": loads.body_force, "body_moment": loads.body_moment}
-        if self.kind.fields:
-            parts |= {"place": places, "unit": np.full((count, 1), scales.length), "field": loads.field}
-            parts["numbers"] = np.tile(loads.numbers, (count, 1))
-        named = {self.prefix + name: part for name, part in parts.items()}
-        return {name: part.reshape(count, -1) * factors[name] for name, part in named.items()}
+        def force(scales: Scales) -> float:
+            return (scales.length if along else 1.0) / scales.force
 
-    def units(self, scales: Scales, length: float) -> dict[str, float]:
-        """By what the parts are multiplied to be dimensionless."""
-        force, moment = length / scales.force, length / scales.moment
-        of = {"force": force, "moment": moment, "body_force": force, "body_moment": moment, "field": force}
-        of |= {"place": 1.0, "unit": 1.0, "numbers": 1.0}
-        return {self.prefix + name: factor for name, factor in of.items()}
+        def moment(scales: Scales) -> float:
+            return (scales.length if along else 1.0) / scales.moment
+
+        each, rest = 3 * self.tubes * c, ("rest",)
+        table = {"force": Part(3 * c, force, along, ("conservative",)), "moment": Part(each, moment, along, rest)}
+        if self.kind.body:
+            table |= {"body_force": Part(each, force, along, rest), "body_moment": Part(each, moment, along, rest)}
+        if fields:
+            table |= {"place": Part(c, at_nodes=along), "unit": Part(1)}
+            table["numbers"] = Part(sum(field.parameters for field in fields))
+            grows = tuple("conservative" if field.conservative else "rest" for field in fields)
+            table["field"] = Part(len(fields) * c, force, along, grows)
+        return {self.prefix + name: part for name, part in table.items()}
+
+    def values(self, loads: LoadValues, places: Array, scales: Scales) -> dict[str, Array]:
+        """The data ``(k, size)`` of loads at ``places (k, nodes)``, SI."""
+        count = len(places)
+        given = {"place": places, "unit": np.full(count, scales.length), "numbers": np.tile(loads.numbers, (count, 1))}
+        names = (name.removeprefix(self.prefix) for name in self.table)
+        values = {name: given[name] if name in given else getattr(loads, name) for name in names}
+        return {self.prefix + name: value.reshape(count, -1) for name, value in values.items()}
 
     def _part(self, column: Any, parts: dict[str, slice], name: str, width: int, node: int) -> Any:
         start = parts[self.prefix + name].start + width * node
@@ -105,14 +123,6 @@ class LoadColumns:
             factors = self._part(column, parts, "field", len(fields), node)
             for k, (field, given) in enumerate(zip(fields, parted(fields, numbers), strict=True)):
                 yield field, factors[k], unit, given
-
-    def factors(self, parts: dict[str, slice], conservative: float, rest: float) -> dict[str, Any]:
-        """By what each part is multiplied when loads with and without a potential are."""
-        fields = [conservative if field.conservative else rest for field in self.kind.fields]
-        of: dict[str, Any] = {"force": conservative, "moment": rest, "body_force": rest, "body_moment": rest}
-        if fields:
-            of["field"] = np.tile(fields, self.nodes)
-        return {self.prefix + name: factor for name, factor in of.items() if self.prefix + name in parts}
 
 
 def _active(factor: Any, value: Any) -> Any:

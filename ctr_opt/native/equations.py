@@ -23,7 +23,6 @@ from ..transcription.second_variation import second_variation_functions
 from .routines import Routine, product
 
 TUBES = (*Stiffness.names(), "precurvature")  # data of the tubes alone
-SHARED = (*Stiffness.names(), "unit")  # by all nodes of a step
 
 
 def lanes(count: int) -> int:
@@ -47,6 +46,10 @@ class Equations:
         self.point = ca.SX.sym("point", sum(size for name, size in parts.items() if name.startswith("point_")))
         self.column = ca.vertcat(0, *self.data.values(), self.point)
         self.local = self.layout.local(self.column, 0, self.state)
+
+    def at_nodes(self, name: str) -> bool:
+        """Whether every node of a step has data of this name, or all share them."""
+        return self.layout.table[name].at_nodes
 
     def routines(self) -> list[Routine]:
         """Rates, their derivatives, and the effect of a point load."""
@@ -190,8 +193,7 @@ class Equations:
     def sizes(self) -> dict[str, int]:
         """Sizes by their names in C, and where the parts of a state and of the data begin."""
         tubes, size = self.tubes, {name: symbol.numel() for name, symbol in self.data.items()}
-        shared = sum(size[name] for name in SHARED if name in size)
-        data = sum(size.values())
+        data, shared = sum(size.values()), sum(size[name] for name in size if not self.at_nodes(name))
         names = {
             **{"TUBES": tubes, "NX": State.size(tubes), "NZ": len(boundary.tip_rows(tubes, self.kind.live))},
             **{"LANES": lanes(tubes), "MOST_UNKNOWNS": State.size(tubes), "STIFFNESSES": len(Stiffness.names())},

@@ -17,7 +17,7 @@ from ..mechanics.law import Stiffness
 from ..transcription.integrators import runge_kutta
 from ..transcription.stability import MARGIN
 from . import abi
-from .equations import SHARED, Equations
+from .equations import Equations
 from .routines import array, enum
 
 _NUMBERS = {"SAME_POINT": SAME_POINT, "LARGEST_TURN": LARGEST_TURN, "MOST_STEPS": float(MOST_STEPS), "MARGIN": MARGIN}
@@ -48,7 +48,7 @@ def _constants(equations: Equations) -> str:
     text += enum(equations.sizes() | stages) + array("int", "PART_SIZE", sizes.values())
     text += array("int", "STIFFNESS_LENGTHS", map(Stiffness.lengths, Stiffness.names()))
     text += array("int", "STIFFNESS_EVERYWHERE", (int(Stiffness.everywhere(name)) for name in Stiffness.names()))
-    text += array("int", "PART_AT_NODES", (int(name not in SHARED) for name in sizes))
+    text += array("int", "PART_AT_NODES", (int(equations.at_nodes(name)) for name in sizes))
     return text + array("int", "TIP_ROWS", tip_rows(equations.tubes, equations.kind.live))
 
 
