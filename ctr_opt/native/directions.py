@@ -12,10 +12,10 @@ from ..checks import Array
 from ..errors import DefinitionError
 from ..loads.kind import Load, lowered
 from ..mechanics.law import Stiffness
-from ..robot.names import SOURCES, parsed
+from ..robot.names import parsed
 from ..robot.precurvature import Piece
 from ..robot.robot import Robot
-from ..robot.tube import STIFFNESSES, Tube
+from ..robot.tube import SOURCES, STIFFNESSES, Tube
 from .abi import By
 
 _Row: TypeAlias = tuple[By, int, int]

@@ -20,7 +20,7 @@ from ..errors import DefinitionError
 from .actuation import Actuation
 from .precurvature import PIECES
 from .robot import Robot
-from .tube import Tube
+from .tube import STIFFNESSES, Tube
 
 _UNITS = {
     **{name: entry.unit for kind in (Actuation, Tube, *PIECES) for name, entry in kind.entries.items()},
@@ -35,13 +35,6 @@ _AXES = ("x", "y", "z")
 _ALONG = ("translations", "translation", "translation_offset", "arc_length", "start", "end")
 _POSITIVE = ("stiffness", "modulus", "diameter", "length")  # ends of fields
 _FACTOR = 100.0  # how far positive numbers may go from where they start, by default
-_SOURCES = {
-    "bending_stiffness": ("youngs_modulus", "outer_diameter", "inner_diameter"),
-    "torsional_stiffness": ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter"),
-}
-SOURCES = frozenset(field for fields in _SOURCES.values() for field in fields)
-"""The moduli, ratios and diameters that stiffnesses follow from."""
-
 _STEP = r"[^\W\d]\w*(?:\[\d+(?:, \d+)*\])?"
 _NAME = re.compile(rf"{_STEP}(?:\.{_STEP})*")
 
@@ -227,21 +220,15 @@ def optional(name: str, value: Any, idle: str = "", **options: Any) -> Parameter
 
 
 def _of_tube(prefix: str, tube: Tube, pulled: bool) -> Iterator[Parameter]:
-    given = tube.given_stiffnesses
-    bends, twists = "bending_stiffness" not in given, "torsional_stiffness" not in given
-    by_ratio = twists and tube.poisson_ratio is not None
-    both = "the stiffnesses are given" if not (bends or twists) else ""
-    for field, sources in _SOURCES.items():
-        names = () if field in given else tuple(prefix + source for source in sources)
-        yield Parameter(prefix + field, np.array(getattr(tube, field)), sources=names)
-    stiff = "" if bends or by_ratio else both or "bending_stiffness is given"
-    yield optional(f"{prefix}youngs_modulus", tube.youngs_modulus, stiff)
-    shear = "" if twists else "torsional_stiffness is given"
-    yield optional(f"{prefix}shear_modulus", tube.shear_modulus, shear)
-    yield optional(f"{prefix}poisson_ratio", tube.poisson_ratio, shear)
-    idle = both if not (pulled and tube.density > 0.0) else ""
-    yield Parameter(f"{prefix}outer_diameter", np.array(tube.outer_diameter), idle)
-    yield Parameter(f"{prefix}inner_diameter", np.array(tube.inner_diameter), idle)
+    given, follow = tube.given_stiffnesses, {name: tube.sources(name) for name in STIFFNESSES}
+    for name, sources in follow.items():
+        names = () if name in given else tuple(prefix + source for source in sources)
+        yield Parameter(prefix + name, np.array(getattr(tube, name)), sources=names)
+    for field in ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter"):
+        led = [name for name, sources in follow.items() if field in sources]
+        acts = not given.keys() >= set(led) or (field.endswith("diameter") and pulled and tube.density > 0.0)
+        idle = f"{led[0]} is given" if len(led) == 1 else "the stiffnesses are given"
+        yield optional(prefix + field, getattr(tube, field), "" if acts else idle)
     yield Parameter(f"{prefix}density", np.array(tube.density), "" if pulled else "there is no Gravity")
     for k, piece in enumerate(tube.precurvature):
         for field in ("length", *filter(None, [piece.rows])):

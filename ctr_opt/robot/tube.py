@@ -46,16 +46,35 @@ def _bending(of: Numbers) -> Any:
 
 
 def _torsional(of: Numbers) -> Any:
-    shear, young, ratio = of("shear_modulus"), of("youngs_modulus"), of("poisson_ratio")
-    if shear is None and young is not None and ratio is not None:
+    shear = of("shear_modulus")
+    if shear is None:
+        young, ratio = of("youngs_modulus"), of("poisson_ratio")
+        if young is None or ratio is None:
+            return None
         shear = shear_modulus(young, ratio)
-    return (
-        None if shear is None else torsional_stiffness(shear, second_moment(of("outer_diameter"), of("inner_diameter")))
-    )
+    return torsional_stiffness(shear, second_moment(of("outer_diameter"), of("inner_diameter")))
 
 
 STIFFNESSES: dict[str, Callable[[Numbers], Any]] = {"bending_stiffness": _bending, "torsional_stiffness": _torsional}
 """What each stiffness follows from where it is not given; None where that is missing."""
+
+
+def _asked(name: str, of: Numbers) -> tuple[str, ...]:
+    """The names that the rule for a stiffness asks for."""
+    names = []
+
+    def number(field: str) -> Any:
+        names.append(field)
+        return of(field)
+
+    STIFFNESSES[name](number)
+    return tuple(names)
+
+
+SOURCES = frozenset(
+    field for name in STIFFNESSES for field in _asked(name, lambda field: None if field == "shear_modulus" else 1.0)
+)
+"""The moduli, ratios and diameters that stiffnesses follow from."""
 
 
 _MODULUS, _STIFFNESS = Entry("Pa", above=0.0, optional=True), Entry("N m^2", above=0.0, optional=True)
@@ -159,6 +178,10 @@ class Tube(Checked):
     def _stiffness(self, name: str) -> Any:
         given = getattr(self, f"_{name}")
         return given if given is not None else STIFFNESSES[name](lambda field: getattr(self, field))
+
+    def sources(self, name: str) -> tuple[str, ...]:
+        """The moduli, ratios and diameters that a stiffness of this tube follows from, unless it is given."""
+        return _asked(name, lambda field: getattr(self, field))
 
     @property
     def second_moment(self) -> float:

@@ -16,8 +16,9 @@ from ...native import compile as compilation
 from ...native.calls import LoadRows
 from ...native.predictions import Predictions, arc_length, supported, told
 from ...robot.actuation import Actuation, actuation_of, joints_of
-from ...robot.names import SOURCES, euler_rates, field_of, parsed
+from ...robot.names import euler_rates, field_of, parsed
 from ...robot.robot import Robot
+from ...robot.tube import SOURCES
 
 _CHANGING = {*SOURCES, "density"}  # derivatives by these change with the robot
 _APART = 10.0 * SAME_POINT  # of the longest tube
