@@ -29,14 +29,11 @@ from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.names import Parameter, euler_rates, loads_with, parameters, parsed
 from ..robot.robot import Robot
-from .distributed import DistributedForce
 from .model import LoadedModel, loaded_model
 from .search import Search, Sought, State
 from .spread import Spread, between, within_cone
-from .unknown import PointForce, UnknownLoad
+from .unknown import UnknownLoad
 
-_INSIDE = 1e-6  # of a tube's length: contacts are looked for between its ends
-_STIFFEST = 1e12  # information on a coefficient, in its scale, by its smoothness
 _UNLIKELY = 1e-3  # probability of residuals that are not believed
 
 
@@ -169,7 +166,7 @@ class Numbered:
         """Of a distributed force whose smoothness is not given, as a quadratic form of all numbers."""
         found = np.zeros((len(self.labels),) * 2)
         for part, each in zip(self.parts, self.unknown, strict=True):
-            if isinstance(each, DistributedForce) and each.smoothness is None:
+            if each.roughly:
                 found[part, part] = each.roughness
         return found if found.any() else None
 
@@ -184,11 +181,6 @@ class Numbered:
             values[f"loads[{int(k) - self.first}].{field}"] = number
             start += size
         return [*known, *loads_with(self.templates, values)]
-
-
-def extents(unknown: Sequence[UnknownLoad]) -> list[float | None]:
-    """Where distributed forces end."""
-    return [each.end for each in unknown if isinstance(each, DistributedForce)]
 
 
 @attrs.frozen(eq=False)
@@ -228,10 +220,10 @@ class Case:
         ends = Ends.of_robot(robot, experiment.actuation.translations)
         experiment.check_places(ends)
         unknown, observables = tuple(each.placed(ends) for each in unknown), experiment.framed(ends)
-        before = next((each for each in kept if each.serves(experiment, observables, ends, errors, unknown)), None)
+        numbered = Numbered.of(unknown, len(experiment.loads))
+        before = next((case for case in kept if case.serves(experiment, observables, ends, errors, numbered)), None)
         if before is not None:
             return before.again(experiment, ends)
-        numbered = Numbered.of(unknown, len(experiment.loads))
         every = (*experiment.loads, *numbered.templates)
         configuration = Configuration(robot, experiment.actuation, every)
         model = loaded_model(
@@ -257,7 +249,7 @@ class Case:
         observables: tuple[Observable, ...],
         ends: Ends,
         errors: Errors,
-        unknown: tuple[UnknownLoad, ...],
+        numbered: Numbered,
     ) -> bool:
         """Whether its model serves another experiment, too, with the same unknown loads, as they are placed there."""
         own = self.experiment
@@ -266,8 +258,7 @@ class Case:
             and [type(each) for each in own.measurements] == [type(each) for each in experiment.measurements]
             and own.loads == experiment.loads
             and self.ends.innermost() == ends.innermost()
-            and len(self.numbered.unknown) == len(unknown)
-            and extents(self.numbered.unknown) == extents(unknown)
+            and self.numbered.templates == numbered.templates
             and self.errors.names == errors.names
             and np.array_equal(self.errors.spread, errors.spread)
         )
@@ -325,9 +316,8 @@ class Case:
         sought = self.search.sought
         at, lower, upper = (each / sought.scale for each in (x, sought.lower, sought.upper))
         for part, each in zip(self.numbered.parts, self.numbered.unknown, strict=True):
-            if isinstance(each, PointForce) and each.friction is not None:
-                cone = within_cone(free.of(part), at[part], np.array(each.normal), each.friction)
-                free = free.given(part, cone)
+            if each.cone is not None:
+                free = free.given(part, within_cone(free.of(part), at[part], *each.cone))
         for k in np.flatnonzero(self.confined):
             part = slice(k, k + 1)
             free = free.given(part, between(free.of(part), lower[k] - at[k], upper[k] - at[k]))
@@ -342,14 +332,12 @@ class Case:
     @property
     def bounded(self) -> bool:
         """Whether any is, or a force by a cone of friction."""
-        cones = any(isinstance(each, PointForce) and each.friction is not None for each in self.numbered.unknown)
+        cones = any(each.cone is not None for each in self.numbered.unknown)
         return cones or bool(self.confined.any())
 
-    def contact(self, part: slice) -> PointForce:
+    def contact(self, part: slice) -> UnknownLoad:
         """The contact whose numbers stand there."""
-        found = self.numbered.unknown[self.numbered.parts.index(part)]
-        assert isinstance(found, PointForce)
-        return found
+        return self.numbered.unknown[self.numbered.parts.index(part)]
 
     def loads_at(self, x: Array) -> list[Load]:
         """Known loads and those sought, with these numbers."""
@@ -374,8 +362,7 @@ def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tup
     scale, lower, upper = extent(robot, numbered, ends)
     information = []
     for k, (part, each) in enumerate(zip(numbered.parts, numbered.unknown, strict=True)):
-        if isinstance(each, DistributedForce) and each.smoothness is not None:
-            _check_smoothness(each, each.smoothness, scale[part], f"unknown[{k}].smoothness")
+        each.check_scale(scale[part], f"unknown[{k}]")
         known = each.known_before
         information.append(np.zeros((part.stop - part.start,) * 2) if known is None else known.information)
         mean[part] = 0.0 if known is None else known.mean
@@ -387,15 +374,6 @@ def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tup
     return found, forces
 
 
-def _check_smoothness(force: DistributedForce, weight: float, scale: Array, field: str) -> None:
-    """Refuse weights under which rounding errors of the roughness hide what was measured."""
-    most = _STIFFEST / float(np.linalg.eigvalsh(force.roughness)[-1] * scale.max() ** 2)
-    if weight > most:
-        raise DefinitionError(
-            f"{field} = {weight:g} m^5/N^2 must be at most {most:.1e}: with less it is a straight line"
-        )
-
-
 def extent(robot: Robot, numbered: Numbered, ends: Ends) -> tuple[Array, Array, Array]:
     """Scales and bounds of the numbers: the former follow from the robot's length, as do those of places."""
     length, stiffness = ends.length, robot.tubes[0].bending_stiffness
@@ -405,12 +383,5 @@ def extent(robot: Robot, numbered: Numbered, ends: Ends) -> tuple[Array, Array, 
     scales["density"], scales["normal_force"] = scales["force"] / length, scales["force"]
     scale = np.array([scales[field] for field in numbered.fields])
     for part, each in zip(numbered.parts, numbered.unknown, strict=True):
-        lower[part], upper[part] = each.limits
-        if isinstance(each, PointForce) and each.arc_length is None:
-            at, first, last = part.stop - 1, _INSIDE * length, ends.of(each.tube) - _INSIDE * length
-            if lower[at] >= last:
-                raise DefinitionError(
-                    f"between = {each.between!r} is not on tube {each.tube}, which ends at {last:g} m"
-                )
-            lower[at], upper[at] = max(lower[at], first), min(upper[at], last)
+        lower[part], upper[part] = each.limits_on(ends)
     return scale, lower, upper

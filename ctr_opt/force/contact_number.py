@@ -9,11 +9,11 @@ import numpy as np
 
 from ..checks import Entry, described, given
 from ..loads import place
-from .unknown import IN_FILES, Described, PointForce
+from .unknown import IN_FILES, PointForce, UnknownLoad
 
 
 @attrs.frozen
-class Contacts(Described):
+class Contacts(UnknownLoad):
     """Several forces at unknown places along a tube, whose number is not known either.
 
     Every number up to ``most`` is tried, and that of the least Bayesian information criterion taken: ``BIC = 2 loss +
@@ -42,6 +42,8 @@ class Contacts(Described):
     kind = "contacts"
     entries = described(most=Entry("whole", least=1), tube=place.TUBE)
     in_file = IN_FILES
+    somewhere = True
+    steady = False
     most: int = attrs.field(default=3, converter=given)
     tube: int = attrs.field(default=0, converter=given)
     prior: Any = None
@@ -51,6 +53,10 @@ class Contacts(Described):
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()
         _ = self.forces(1)
+
+    def choices(self, alone: bool) -> list[tuple[PointForce, ...]]:
+        """Every number of contacts, of which alone there is one at least."""
+        return [self.forces(count) for count in range(int(alone), self.most + 1)]
 
     def forces(self, count: int) -> tuple[PointForce, ...]:
         """So many contacts."""

@@ -95,7 +95,9 @@ class _Scan:
         rows = np.hstack((np.tile(np.arange(self.others), (len(sets), 1)), forces))
         matrices, pulls = self.matrix[rows[:, :, None], rows[:, None, :]], self.gradient[rows]
         parts = self.case.contacts[: chosen.shape[1]]
-        turn = np.asarray(block_diag(np.eye(self.others), *(self.case.contact(part).directions for part in parts)))
+        turn = np.asarray(
+            block_diag(np.eye(self.others), *(self.case.contact(part).resultant[:, :-1] for part in parts))
+        )
         matrices, pulls = turn.T @ matrices @ turn, pulls @ turn
         sought, start = self.case.search.sought, self.others
         for part in parts:

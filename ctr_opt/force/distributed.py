@@ -15,17 +15,18 @@ from ..layout.ends import Ends
 from ..loads import place
 from ..loads.distributed import DistributedLoad
 from ..loads.kind import Load
-from .unknown import Described, Gaussian, Sought, limits, vector
+from .unknown import Gaussian, UnknownLoad, UnknownNumbers, limits, vector
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 _PIECES = 2  # of constant density, in every interval between knots
 _DEGREES = 2, 5
+_STIFFEST = 1e12  # information on a coefficient, in its scale, by its smoothness
 
 
 @attrs.frozen(slots=False)
-class DistributedForce(Described):
+class DistributedForce(UnknownLoad):
     """A force along a tube, N/m, world frame: a spline ``f(s)`` with equally spaced knots.
 
     It is known before to be smooth: ``-log p(f) = w / 2 * integral |f''(s)|^2 ds + const``, which a constant and a
@@ -75,6 +76,8 @@ class DistributedForce(Described):
         "prior?": {name: Entry("N/m", (3,), scalar_too=True) for name in ("mean", "sigma")},
         "bounds?": Entry("N/m", (2,)),
     }
+    force_prior = False
+    steady = False
     coefficients: int = attrs.field(default=12, converter=given)
     start: float = attrs.field(default=0.0, converter=given)
     end: float | None = attrs.field(default=None, converter=given)
@@ -89,7 +92,6 @@ class DistributedForce(Described):
         place.check_interval(self.start, self.end)
         if self.coefficients <= self.degree:
             raise DefinitionError(f"coefficients = {self.coefficients} must be above the degree, {self.degree}")
-        _ = Gaussian.of(self.prior, "prior", 3), self.limits
 
     def placed(self, ends: Ends) -> DistributedForce:
         """The same up to the tube's end, on a robot whose tubes end at ``ends``."""
@@ -126,9 +128,9 @@ class DistributedForce(Described):
         return [DistributedLoad(np.zeros(3), start=start, end=end, tube=self.tube) for start, end in both]
 
     @property
-    def sought(self) -> tuple[Sought, ...]:
+    def sought(self) -> tuple[UnknownNumbers, ...]:
         """The coefficients, three numbers each."""
-        return tuple(Sought(0, "density", 3, vector(f"force_density[{k}]")) for k in range(self.coefficients))
+        return tuple(UnknownNumbers(0, "density", 3, vector(f"force_density[{k}]")) for k in range(self.coefficients))
 
     @property
     def taken(self) -> list[tuple[int, str]]:
@@ -175,6 +177,17 @@ class DistributedForce(Described):
         return np.tile(lower, self.coefficients), np.tile(upper, self.coefficients)
 
     @property
-    def place(self) -> None:
-        """No one place."""
-        return
+    def roughly(self) -> bool:
+        """Whether its smoothness is not given."""
+        return self.smoothness is None
+
+    def check_scale(self, scale: Array, field: str) -> None:
+        """Refuse weights under which rounding errors of the roughness hide what was measured."""
+        if self.smoothness is None:
+            return
+        most = _STIFFEST / float(np.linalg.eigvalsh(self.roughness)[-1] * scale.max() ** 2)
+        if self.smoothness > most:
+            raise DefinitionError(
+                f"{field}.smoothness = {self.smoothness:g} m^5/N^2 must be at most {most:.1e}: with less it is a "
+                "straight line"
+            )

@@ -20,13 +20,13 @@ from ..loads.kind import Load
 from .case import Case
 from .contact_number import Evidence
 from .contact_profile import LEVEL, Profile
-from .distributed import DistributedForce
 from .search import BLIND, Normal, State
 from .spread import Spread
 from .systematic import CONSISTENT, Systematic, systematic_errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from scipy.interpolate import BSpline
 
 OPEN = 3.0  # characteristic forces: with a larger standard deviation a direction is undetermined
 _SHOWN = 121  # places along a distributed force
@@ -105,10 +105,9 @@ class ForceEstimate:
         if number is not None and number not in self.distributed:
             raise DefinitionError(f"density: unknown[{number}] is no DistributedForce; these are {self.distributed}")
         number = self.distributed[0] if number is None else number
-        part, unknown = self.case.numbered.parts[number], self.case.numbered.unknown[number]
-        assert isinstance(unknown, DistributedForce)
-        basis = np.nan_to_num(unknown.spline(np.asarray(s, dtype=np.float64)))
-        count = unknown.coefficients
+        part = self.case.numbered.parts[number]
+        basis = np.nan_to_num(self._splines[number](np.asarray(s, dtype=np.float64)))
+        count = basis.shape[-1]
         covariance = self.covariance[part, part].reshape(count, 3, count, 3)
         variances = np.einsum("...i,iaja,...j->...a", basis, covariance, basis)
         return basis @ self.state.x[part].reshape(count, 3), np.sqrt(variances)
@@ -116,13 +115,17 @@ class ForceEstimate:
     @property
     def distributed(self) -> list[int]:
         """Which unknown loads are distributed forces."""
-        return [k for k, each in enumerate(self.case.numbered.unknown) if isinstance(each, DistributedForce)]
+        return list(self._splines)
+
+    @property
+    def _splines(self) -> dict[int, BSpline[np.float64]]:
+        """The bases of distributed forces, by the number of the unknown load."""
+        return {k: spline for k, each in enumerate(self.case.numbered.unknown) if (spline := each.spline) is not None}
 
     def stretch(self, number: int, count: int = _SHOWN) -> Array:
         """So many arc lengths along a distributed force, from its start to its end, m."""
-        unknown = self.case.numbered.unknown[number]
-        assert isinstance(unknown, DistributedForce)
-        return np.linspace(unknown.start, unknown.end or 0.0, count)
+        knots = self._splines[number].t
+        return np.linspace(knots[0], knots[-1], count)
 
     @property
     def moment(self) -> Array | None:
@@ -135,8 +138,7 @@ class ForceEstimate:
         """Where the force acts, m, as estimated or given; None: at the tip. Of several unknown loads a list."""
         found = []
         for part, unknown in zip(self.case.numbered.parts, self.case.numbered.unknown, strict=True):
-            sought = any(number.field == "arc_length" for number in unknown.sought)
-            found.append(float(self.state.x[part.stop - 1]) if sought else unknown.place)
+            found.append(float(self.state.x[part.stop - 1]) if unknown.somewhere else unknown.place)
         return found if len(found) > 1 else found[0]
 
     @property

@@ -12,7 +12,6 @@ import numpy as np
 from ..checks import Array
 from .case import Case
 from .search import State
-from .unknown import PointForce
 
 _DIRECTIONS = 12  # around the cone, before the best is refined
 _ANGLE = 1e-7  # rad
@@ -22,8 +21,8 @@ _ROUNDING = 1e-9  # of characteristic forces
 def within_cone(case: Case, state: State) -> State | None:
     """The state, or that of least loss on the cone of the contact with friction; None where none is found."""
     for part, unknown in zip(case.numbered.parts, case.numbered.unknown, strict=True):
-        if isinstance(unknown, PointForce) and unknown.friction is not None:
-            cone = _Cone.of(case, part, unknown)
+        if unknown.cone is not None:
+            cone = _Cone.of(case, part, *unknown.cone)
             return state if cone.holds(state) else cone.surface(state)
     return state
 
@@ -39,10 +38,8 @@ class _Cone:
     across: Array
 
     @classmethod
-    def of(cls, case: Case, part: slice, unknown: PointForce) -> _Cone:
-        normal = np.asarray(unknown.normal)
-        across = np.linalg.svd(normal[None])[2][1:].T
-        return cls(case, part, float(unknown.friction or 0.0), normal, across)
+    def of(cls, case: Case, part: slice, normal: Array, friction: float) -> _Cone:
+        return cls(case, part, friction, normal, np.linalg.svd(normal[None])[2][1:].T)
 
     def holds(self, state: State) -> bool:
         """Whether the force is inside."""

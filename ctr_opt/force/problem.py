@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from itertools import chain, product
+from typing import Any, cast
 
 import attrs
 import numpy as np
@@ -84,7 +85,7 @@ class ForceEstimationProblem:
     def __init__(
         self,
         robot: Robot,
-        unknown: UnknownLoad | Contacts | Sequence[UnknownLoad | Contacts],
+        unknown: UnknownLoad | Sequence[UnknownLoad],
         *,
         prior: Any = None,
         loss: str = "squared",
@@ -208,7 +209,7 @@ class ForceEstimationProblem:
             case, states = self._smoothest(case, initial)
         else:
             near = [] if initial is None else [case.search.solve(*self._near(case, initial))]
-            states = [state for state in near if state is not None] or self._from_nothing(case)
+            states = [state for state in near if state is not None] or self.from_nothing(case)
         states = _different(case, [within_cone(case, state) for state in states])
         return ForceEstimate(self._forward, case, states) if states else None
 
@@ -239,10 +240,14 @@ class ForceEstimationProblem:
         found, state = smoothest(case, start or self._resting(case))
         return found, [] if state is None else [state]
 
+    def shape(self, case: Case, x: Array) -> Equilibrium:
+        """The robot in equilibrium under the loads with these numbers."""
+        return self._forward.solve(case.experiment.actuation, case.loads_at(x))
+
     def _resting(self, case: Case) -> State:
         return case.resting(self._unloaded(case.experiment))
 
-    def _from_nothing(self, case: Case) -> list[State]:
+    def from_nothing(self, case: Case) -> list[State]:
         """From the robot without the unknown loads, and where contacts are sought, from places that look likely."""
         resting = self._resting(case)
         starts = contacts(case, resting.z, resting.places) if case.contacts else [case.start]
@@ -279,7 +284,7 @@ def _deviations(value: Any, field: str, tubes: int) -> Array | None:
     return np.array(np.broadcast_to(given, (tubes,)))
 
 
-def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad | Contacts, ...]:
+def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
     every = (given,) if isinstance(given, UNKNOWN_LOADS) else tuple(given or ())
     if not every:
         raise DefinitionError("unknown = [] must name at least one load")
@@ -287,14 +292,13 @@ def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad | Contacts
         if not isinstance(each, UNKNOWN_LOADS):
             names = ", ".join(kind.__name__ for kind in UNKNOWN_LOADS)
             raise DefinitionError(f"unknown[{k}] = {each!r} must be one of {names}")
-        if not isinstance(each, (TipForce, TipWrench)):
-            index(each.tube, f"unknown[{k}].tube", tubes)
-    if sum(isinstance(each, Contacts) for each in every) > 1:
+        index(each.tube, f"unknown[{k}].tube", tubes)
+    if sum(len(each.choices(alone=False)) > 1 for each in every) > 1:
         raise DefinitionError("unknown: Contacts can stand there once; more forces at unknown places are PointForce()")
-    if sum(isinstance(each, PointForce) and each.friction is not None for each in every) > 1:
+    if sum(each.cone is not None for each in every) > 1:
         raise DefinitionError("unknown: one contact at most can have friction")
-    rough = [isinstance(each, DistributedForce) and each.smoothness is None for each in every]
-    if any(rough) and (sum(rough) > 1 or any(map(_somewhere, every))):
+    rough = [each.roughly for each in every]
+    if any(rough) and (sum(rough) > 1 or any(each.somewhere for each in every)):
         raise DefinitionError(
             f"unknown[{rough.index(True)}].smoothness = None must be given beside contacts at unknown places and other "
             "distributed forces"
@@ -302,24 +306,17 @@ def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad | Contacts
     return tuple(_with(each, prior) for each in every)
 
 
-def _somewhere(unknown: UnknownLoad | Contacts) -> bool:
-    """Whether its place is sought."""
-    return isinstance(unknown, Contacts) or (isinstance(unknown, PointForce) and unknown.arc_length is None)
-
-
-def _with(unknown: Any, prior: Any) -> Any:
+def _with(unknown: UnknownLoad, prior: Any) -> UnknownLoad:
     """A load with the prior of forces, unless it has its own."""
-    if isinstance(unknown, DistributedForce) or unknown.prior is not None:
+    if unknown.prior is not None or not unknown.force_prior:
         return unknown
-    return attrs.evolve(unknown, prior=prior)
+    return attrs.evolve(cast(Any, unknown), prior=prior)  # type: ignore[no-any-return]
 
 
-def _options(unknown: tuple[UnknownLoad | Contacts, ...]) -> list[tuple[UnknownLoad, ...]]:
-    """Unknown loads with every number of contacts, last; as they are, where there are no such contacts."""
-    others = tuple(each for each in unknown if not isinstance(each, Contacts))
-    counted = [each for each in unknown if isinstance(each, Contacts)]
-    least = 0 if others else 1
-    return [(*others, *each.forces(k)) for each in counted for k in range(least, each.most + 1)] or [others]
+def _options(unknown: tuple[UnknownLoad, ...]) -> list[tuple[UnknownLoad, ...]]:
+    """All choices of loads that stand for the unknown ones, those of the one that has several last."""
+    choices = [each.choices(alone=len(unknown) == 1) for each in unknown]
+    return [tuple(chain(*options)) for options in product(*sorted(choices, key=len))]
 
 
 def experiment_of(robot: Robot, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Experiment:

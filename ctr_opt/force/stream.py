@@ -19,12 +19,11 @@ from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .case import Case, Numbered, extent
-from .contact_number import Contacts
 from .problem import ForceEstimationProblem
 from .reach import unreachable
 from .search import Normal, Search, State
 from .streamed import StreamedForce
-from .unknown import PointForce, TipForce, TipWrench, UnknownLoad
+from .unknown import UnknownLoad
 from .window import Belief, Sample, Window
 
 _CLOSE = 0.05  # of the moments' size: how far off an equilibrium a search may begin and not be blamed for it
@@ -252,14 +251,13 @@ class ForceEstimator:
 
     def _anew(self, case: Case) -> State | None:
         """From the shape under the loads that were predicted or, failing that, as if it were the first sample."""
-        problem, actuation = self._problem, case.experiment.actuation
         try:
             if self._window.samples:
-                shape = problem._forward.solve(actuation, case.loads_at(case.start))
+                shape = self._problem.shape(case, case.start)
                 state = case.search.solve(shape.unknowns, case.start, case.places(shape))
                 if state is not None:
                     return state
-            return next(iter(problem._from_nothing(case)), None)
+            return next(iter(self._problem.from_nothing(case)), None)
         except (SolveError, EstimationError):
             return None
 
@@ -287,18 +285,16 @@ class ForceEstimator:
         )
 
 
-def _followed(unknown: Sequence[UnknownLoad | Contacts]) -> tuple[UnknownLoad, ...]:
+def _followed(unknown: tuple[UnknownLoad, ...]) -> tuple[UnknownLoad, ...]:
     """Unknown loads that a stream can follow: those of as many numbers in every sample."""
-    found: list[UnknownLoad] = []
     for k, each in enumerate(unknown):
-        if not isinstance(each, (TipForce, TipWrench, PointForce)):
+        if not each.steady:
             raise DefinitionError(f"unknown[{k}] = {each!r} cannot be followed: it must be a force or a wrench")
-        if isinstance(each, PointForce) and each.friction is not None:
-            raise DefinitionError(f"unknown[{k}].friction = {each.friction:g} cannot be followed: it must be None")
+        if each.cone is not None:
+            raise DefinitionError(f"unknown[{k}].friction = {each.cone[1]:g} cannot be followed: it must be None")
         if each.bounds is not None:
             raise DefinitionError(f"unknown[{k}].bounds = {each.bounds!r} cannot be kept in a stream: give a prior")
-        found.append(each)
-    return tuple(found)
+    return unknown
 
 
 def _count(horizon: Any) -> int:

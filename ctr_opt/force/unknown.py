@@ -1,4 +1,4 @@
-"""Loads that are sought: forces and wrenches at the tip or along a tube, as loads and as numbers to be estimated.
+"""Loads that are unknown: forces and wrenches at the tip or along a tube, as loads and as numbers to be estimated.
 
 An unknown load says which loads stand for it, which of their numbers are unknown, and what is known of them before.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import partial
-from typing import Any, ClassVar, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import attrs
 import numpy as np
@@ -19,6 +19,11 @@ from ..layout.ends import Ends
 from ..loads import place
 from ..loads.kind import Load
 from ..loads.point import PointWrench
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+_INSIDE = 1e-6  # of a robot's length: contacts are looked for between a tube's ends
 
 
 def _normal(value: Any) -> tuple[float, ...] | None:
@@ -39,20 +44,6 @@ _WRENCH_PRIOR = {
 _PLACE_PRIOR = {"mean": Entry("m"), "sigma": Entry("m")}
 IN_FILES = {"prior?": _PRIOR, "bounds?": Entry("N", (2,)), "between?": Entry("m", (2,))}
 """What files say of forces beside their entries."""
-
-
-class Described(Checked):
-    """An unknown load that files may describe; ``in_file`` are entries beside those by which it is checked."""
-
-    __slots__ = ()
-
-    entries = described()
-    in_file: ClassVar[Mapping[str, Any]] = {}
-
-    @classmethod
-    def tables(cls) -> tuple[Table]:
-        """The table of files that describes it."""
-        return (Table(cls.kind, {**cls.in_files(), **cls.in_file}, partial(_with_priors, cls)),)
 
 
 def _with_priors(kind: Any, **values: Any) -> Any:
@@ -114,7 +105,7 @@ def limits(given: Any, field: str, size: int, least: float = -np.inf) -> tuple[A
 
 
 @attrs.frozen
-class Sought:
+class UnknownNumbers:
     """Numbers of a load that are unknown: which of the unknown's loads, which field, how many, and names for them."""
 
     load: int
@@ -123,88 +114,134 @@ class Sought:
     labels: tuple[str, ...]
 
 
-class UnknownLoad(Protocol):
-    """What all unknown loads can tell."""
+class UnknownLoad(Checked):
+    """An unknown load: a kind says which loads stand for it and which of their numbers are unknown.
+
+    What stands here is right for a kind whose numbers the model takes as they are, its force first, with a prior and
+    bounds of them all. ``in_file`` holds what files may say of it beside the ``entries`` by which it is checked.
+    """
+
+    __slots__ = ()
+
+    entries = described()
+    in_file: ClassVar[Mapping[str, Any]] = {}
+    size: ClassVar[int] = 3
+    """How many numbers its prior and its bounds are of."""
+    force_prior: ClassVar[bool] = True
+    """Whether the problem's prior of forces is meant for it, too."""
+    steady: ClassVar[bool] = True
+    """Whether it has the same numbers in every sample of a stream, so that they can be followed."""
+    tube: Any
+    prior: Any
+    bounds: Any
+
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
+        _ = Gaussian.of(self.prior, "prior", self.size), self.limits
+
+    @classmethod
+    def tables(cls) -> tuple[Table]:
+        """The table of files that describes it."""
+        return (Table(cls.kind, {**cls.in_files(), **cls.in_file}, partial(_with_priors, cls)),)
+
+    def choices(self, alone: bool) -> Sequence[tuple[UnknownLoad, ...]]:  # noqa: ARG002
+        """The unknown loads that may stand for it, the likeliest of which counts; ``alone``: beside no others."""
+        return ((self,),)
 
     def loads(self) -> list[Load]:
         """The loads that stand for it, at their start."""
+        raise NotImplementedError
 
     @property
-    def sought(self) -> Sequence[Sought]:
-        """The numbers that are unknown, in their order."""
+    def sought(self) -> Sequence[UnknownNumbers]:
+        """The numbers that are unknown, in their order; an unknown place is the last."""
+        raise NotImplementedError
+
+    @property
+    def somewhere(self) -> bool:
+        """Whether its place is unknown."""
+        return any(number.field == "arc_length" for number in self.sought)
 
     @property
     def taken(self) -> Sequence[tuple[int, str]]:
         """Which fields of which of its loads the model takes, in their order."""
+        return [(number.load, number.field) for number in self.sought]
 
     @property
     def mixing(self) -> Array:
-        """The numbers that the model takes, by those that are sought."""
+        """The numbers that the model takes, by those that are unknown."""
+        return np.eye(sum(number.size for number in self.sought))
 
     @property
     def resultant(self) -> Array:
-        """The total force ``(3, numbers)``, by those that are sought."""
+        """The total force ``(3, numbers)``, by those that are unknown."""
+        return np.eye(3, len(self.mixing))
 
     @property
     def known_before(self) -> Gaussian | None:
         """What is known of them before anything was measured."""
+        return Gaussian.of(self.prior, "prior", self.size)
 
     @property
     def limits(self) -> tuple[Array, Array]:
         """Their bounds, infinite where they are open."""
+        return limits(self.bounds, "bounds", self.size)
 
-    def placed(self, ends: Ends) -> UnknownLoad:
-        """The same on a robot whose tubes end there."""
+    def limits_on(self, ends: Ends) -> tuple[Array, Array]:  # noqa: ARG002
+        """Their bounds on a robot whose tubes end there."""
+        return self.limits
+
+    def placed(self, ends: Ends) -> Self:  # noqa: ARG002
+        """The load on a robot whose tubes end there."""
+        return self
 
     @property
     def place(self) -> float | None:
-        """Where the load acts: an arc length, m, or None, the tip (or nobody knows)."""
-
-
-class _AsItStands(Described):
-    """What unknown loads share whose numbers the model takes as they are sought."""
+        """Where it acts: an arc length, m, or None: the tip, no one place, or an unknown one."""
+        return None
 
     @property
-    def taken(self) -> list[tuple[int, str]]:
-        """Which fields of which of its loads the model takes."""
-        return [(number.load, number.field) for number in self.sought]  # type: ignore[attr-defined]
+    def cone(self) -> tuple[Array, float] | None:
+        """The normal ``(3,)`` and Coulomb's coefficient of a cone in which its force is."""
+        return None
 
     @property
-    def mixing(self) -> Array:
-        """Those numbers by those that are sought: the same."""
-        return np.eye(sum(number.size for number in self.sought))  # type: ignore[attr-defined]
+    def spline(self) -> BSpline[np.float64] | None:
+        """Of a distributed force: the basis of its density, ``(coefficients,)`` at a place."""
+        return None
 
     @property
-    def resultant(self) -> Array:
-        """The force, which comes first."""
-        return np.eye(3, len(self.mixing))
+    def roughness(self) -> Array | None:
+        """Of a distributed force: the integral of ``|f''|^2`` as a quadratic form of its numbers."""
+        return None
 
-    def placed(self, ends: Ends) -> Self:  # noqa: ARG002
-        """The same, wherever tubes end."""
-        return self
+    @property
+    def roughly(self) -> bool:
+        """Whether the weight of its roughness is to be estimated, too."""
+        return False
+
+    def check_scale(self, scale: Array, field: str) -> None:
+        """Raise ``DefinitionError`` for what cannot be computed with numbers of this ``scale``."""
+
+
+def vector(name: str) -> tuple[str, ...]:
+    """Labels of its components."""
+    return tuple(f"{name}.{axis}" for axis in "xyz")
 
 
 @attrs.frozen
-class _AtTip(_AsItStands):
+class _AtTip(UnknownLoad):
     """What acts at the tip, on the innermost tube there once the robot is known."""
 
     tube: int = attrs.field(default=0, init=False, eq=False, repr=False)
+    prior: Any = None
+    bounds: Any = None
 
     def placed(self, ends: Ends) -> Self:
         """At the end of the innermost tube at the tip."""
         placed = copy(self)
         object.__setattr__(placed, "tube", ends.innermost())
         return placed
-
-    @property
-    def place(self) -> None:
-        """The tip."""
-        return
-
-
-def vector(name: str) -> tuple[str, ...]:
-    """Labels of its components."""
-    return tuple(f"{name}.{axis}" for axis in "xyz")
 
 
 @attrs.frozen
@@ -227,30 +264,15 @@ class TipForce(_AtTip):
 
     kind = "tip_force"
     in_file: ClassVar[Mapping[str, Any]] = {name: IN_FILES[name] for name in ("prior?", "bounds?")}
-    prior: Any = None
-    bounds: Any = None
-
-    def __attrs_post_init__(self) -> None:
-        _ = self.known_before, self.limits
 
     def loads(self) -> list[Load]:
         """A point force."""
         return [PointWrench(force=np.zeros(3), tube=self.tube)]
 
     @property
-    def sought(self) -> tuple[Sought, ...]:
+    def sought(self) -> tuple[UnknownNumbers, ...]:
         """The force."""
-        return (Sought(0, "force", 3, vector("force")),)
-
-    @property
-    def known_before(self) -> Gaussian | None:
-        """The prior."""
-        return Gaussian.of(self.prior, "prior", 3)
-
-    @property
-    def limits(self) -> tuple[Array, Array]:
-        """The bounds."""
-        return limits(self.bounds, "bounds", 3)
+        return (UnknownNumbers(0, "force", 3, vector("force")),)
 
 
 @attrs.frozen
@@ -272,34 +294,20 @@ class TipWrench(_AtTip):
 
     kind = "tip_wrench"
     in_file: ClassVar[Mapping[str, Any]] = {"prior?": _WRENCH_PRIOR}
-    prior: Any = None
-    bounds: Any = None
-
-    def __attrs_post_init__(self) -> None:
-        _ = self.known_before, self.limits
+    size = 6
 
     def loads(self) -> list[Load]:
         """A point wrench."""
         return [PointWrench(force=np.zeros(3), moment=np.zeros(3), tube=self.tube)]
 
     @property
-    def sought(self) -> tuple[Sought, ...]:
+    def sought(self) -> tuple[UnknownNumbers, ...]:
         """Force and moment."""
-        return Sought(0, "force", 3, vector("force")), Sought(0, "moment", 3, vector("moment"))
-
-    @property
-    def known_before(self) -> Gaussian | None:
-        """The prior."""
-        return Gaussian.of(self.prior, "prior", 6)
-
-    @property
-    def limits(self) -> tuple[Array, Array]:
-        """The bounds."""
-        return limits(self.bounds, "bounds", 6)
+        return UnknownNumbers(0, "force", 3, vector("force")), UnknownNumbers(0, "moment", 3, vector("moment"))
 
 
 @attrs.frozen
-class PointForce(_AsItStands):
+class PointForce(UnknownLoad):
     """A force at a place along a tube, world frame: a contact.
 
     Parameters
@@ -352,7 +360,7 @@ class PointForce(_AsItStands):
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()
-        _ = self.known_before, self.limits
+        _ = self.known_before
         for field in ("between", "place_prior"):
             if getattr(self, field) is not None and self.arc_length is not None:
                 raise DefinitionError(f"{field} = {getattr(self, field)!r} is for an unknown place, not for arc_length")
@@ -366,16 +374,20 @@ class PointForce(_AsItStands):
         return [PointWrench(force=np.zeros(3), arc_length=self.arc_length or 0.0, tube=self.tube)]
 
     @property
-    def directions(self) -> Array:
-        """The force ``(3, n)``, by the numbers of it that are sought."""
+    def _directions(self) -> Array:
+        """The force ``(3, n)``, by the numbers of it that are unknown."""
         return np.eye(3) if self.normal is None or self.friction is not None else np.array(self.normal)[:, None]
 
     @property
-    def sought(self) -> tuple[Sought, ...]:
+    def sought(self) -> tuple[UnknownNumbers, ...]:
         """The force, or its size along the normal, and, unless it is known, the place."""
-        along = self.directions.shape[1] == 1
-        force = Sought(0, "normal_force", 1, ("normal_force",)) if along else Sought(0, "force", 3, vector("force"))
-        return (force,) if self.arc_length is not None else (force, Sought(0, "arc_length", 1, ("arc_length",)))
+        along = self._directions.shape[1] == 1
+        force = (
+            UnknownNumbers(0, "normal_force", 1, ("normal_force",))
+            if along
+            else UnknownNumbers(0, "force", 3, vector("force"))
+        )
+        return (force,) if self.arc_length is not None else (force, UnknownNumbers(0, "arc_length", 1, ("arc_length",)))
 
     @property
     def taken(self) -> list[tuple[int, str]]:
@@ -385,13 +397,9 @@ class PointForce(_AsItStands):
     @property
     def mixing(self) -> Array:
         """Both, by the numbers that are sought."""
-        places = int(self.arc_length is None)
-        return np.block(
-            [
-                [self.directions, np.zeros((3, places))],
-                [np.zeros((places, self.directions.shape[1])), np.eye(places)],
-            ]
-        )
+        from scipy.linalg import block_diag
+
+        return np.asarray(block_diag(self._directions, np.eye(int(self.arc_length is None))), dtype=np.float64)
 
     @property
     def resultant(self) -> Array:
@@ -416,7 +424,7 @@ class PointForce(_AsItStands):
     @property
     def limits(self) -> tuple[Array, Array]:
         """The bounds, and where the place can be."""
-        size = self.directions.shape[1]
+        size = self._directions.shape[1]
         lower, upper = limits(self.bounds, "bounds", size, least=0.0 if size == 1 else -np.inf)
         if self.arc_length is not None:
             return lower, upper
@@ -427,3 +435,20 @@ class PointForce(_AsItStands):
     def place(self) -> float | None:
         """Where it is known to act."""
         return self.arc_length
+
+    @property
+    def cone(self) -> tuple[Array, float] | None:
+        """Of friction."""
+        return None if self.friction is None else (np.array(self.normal), self.friction)
+
+    def limits_on(self, ends: Ends) -> tuple[Array, Array]:
+        """The bounds, of an unknown place inside the tube."""
+        lower, upper = self.limits
+        if self.arc_length is None:
+            first, last = _INSIDE * ends.length, ends.of(self.tube) - _INSIDE * ends.length
+            if lower[-1] >= last:
+                raise DefinitionError(
+                    f"between = {self.between!r} is not on tube {self.tube}, which ends at {last:g} m"
+                )
+            lower[-1], upper[-1] = max(lower[-1], first), min(upper[-1], last)
+        return lower, upper
