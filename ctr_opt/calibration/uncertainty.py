@@ -18,11 +18,11 @@ from ..robot.names import symbol
 from .estimation import Estimation
 
 VAGUE = 1.0  # scaled standard deviation from which a number counts as known vaguely: to no better than its size
-_UNKNOWN = 3.0
+OPEN = 3.0
 """Scaled standard deviation from which a direction counts as undetermined: half a turn of an angle, and of a stiffness
 not even the order of magnitude. What data do not determine at all comes to infinity, or to tens by rounding errors."""
 _BLIND = 1e-11  # of the largest eigenvalue: rounding errors alone leave more
-_TAKES_PART = 0.05  # the share of a parameter in an undetermined direction from which it is undetermined itself
+TAKES_PART = 0.05  # the share of a parameter in an undetermined direction from which it is undetermined itself
 _EQUAL = 0.02  # relative: by so much the parts of a common factor may differ
 
 
@@ -107,7 +107,7 @@ def determined(matrix: Array) -> Determined:
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     blind = values <= _BLIND * max(values[-1], 0.0)
     deviations = np.where(blind, np.inf, 1.0 / np.sqrt(np.where(blind, 1.0, values)))
-    unknown = deviations > _UNKNOWN
+    unknown = deviations > OPEN
     return Determined(values, vectors[:, ~unknown], vectors[:, unknown], deviations[unknown])
 
 
@@ -125,7 +125,7 @@ def taking_part(of: Determined) -> Array:
     """Which parameters take part in what is not determined, as booleans."""
     if of.unknown.shape[1] == 0:
         return np.zeros(len(of.eigenvalues), dtype=bool)
-    return np.asarray(np.sqrt((of.unknown**2).sum(axis=1)) > _TAKES_PART)
+    return np.asarray(np.sqrt((of.unknown**2).sum(axis=1)) > TAKES_PART)
 
 
 def directions(of: Determined, labels: Sequence[str], x: Array, scale: Array) -> list[Direction]:
@@ -133,7 +133,7 @@ def directions(of: Determined, labels: Sequence[str], x: Array, scale: Array) ->
     found = []
     for row in _sparse(of.unknown):
         vector = row / row[np.abs(row).argmax()]
-        those = np.flatnonzero(np.abs(vector) > _TAKES_PART)
+        those = np.flatnonzero(np.abs(vector) > TAKES_PART)
         unit = vector / np.linalg.norm(vector)
         known = np.isfinite(of.deviations).all()
         spread = np.sqrt(np.sum((of.deviations * (of.unknown.T @ unit)) ** 2)) if known else np.inf
@@ -165,10 +165,14 @@ def _described(names: list[str], moves: Array, relative: Array) -> str:
         return f"{symbol(names[0])} is not determined"
     if is_factor(names, relative):
         return " : ".join(map(symbol, names)) + " may be scaled together"
-    terms = " ".join(
-        f"{'-' if move < 0.0 else '+'} {abs(move):.2g} {symbol(name)}" for name, move in zip(names, moves, strict=True)
-    )
-    return f"{terms.removeprefix('+ ')} may change together"
+    return f"{combination(list(map(symbol, names)), moves)} may change together"
+
+
+def combination(names: Sequence[str], moves: Array) -> str:
+    """A linear combination in words: ``a - 0.5 b``."""
+    pairs = zip(names, moves, strict=True)
+    terms = " ".join(f"{'-' if move < 0.0 else '+'} {abs(move):.2g} {name}" for name, move in pairs)
+    return terms.removeprefix("+ ")
 
 
 def is_factor(names: Sequence[str], relative: Array) -> bool:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
 from itertools import compress
-from typing import Any
 
 import attrs
 import numpy as np
@@ -27,9 +25,10 @@ from ..layout.observables import Observable
 from ..loads.gravity import Gravity
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
-from ..robot.names import Parameter, euler_rates, loads_with, parameters, parsed
+from ..robot.names import Parameter, euler_rates, parameters
 from ..robot.robot import Robot
 from .model import LoadedModel, loaded_model
+from .numbers import Numbered
 from .search import Search, Sought, State
 from .spread import Spread, between, within_cone
 from .unknown import UnknownLoad
@@ -108,79 +107,6 @@ def _of_fit(fit: Fit, sizes: Mapping[str, int]) -> list[dict[str, Array]]:
     values, vectors = np.linalg.eigh(covariance)
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
     return [{name: own[:, used] @ factor for name, own in rows.items()}]
-
-
-@attrs.frozen(eq=False, slots=False)
-class Numbered:
-    """Unknown loads, the loads that stand for them, and the names, labels and parts of their numbers.
-
-    ``names`` are those of the model, whose first ``first`` loads are known.
-    """
-
-    unknown: tuple[UnknownLoad, ...]
-    first: int
-    templates: tuple[Load, ...]
-    names: tuple[str, ...]
-    labels: tuple[str, ...]
-    parts: tuple[slice, ...]
-
-    @classmethod
-    def of(cls, unknown: tuple[UnknownLoad, ...], first: int) -> Numbered:
-        """Behind so many known loads."""
-        templates: list[Load] = []
-        names: list[str] = []
-        labels: list[str] = []
-        parts = []
-        for k, each in enumerate(unknown):
-            own = each.sought
-            prefix = f"unknown[{k}]." if len(unknown) > 1 else ""
-            names += [f"loads[{first + len(templates) + load}].{field}" for load, field in each.taken]
-            parts.append(slice(len(labels), len(labels) + sum(number.size for number in own)))
-            labels += [prefix + label for number in own for label in number.labels]
-            templates += each.loads()
-        return cls(unknown, first, tuple(templates), tuple(names), tuple(labels), tuple(parts))
-
-    @cached_property
-    def fields(self) -> list[str]:
-        """The field of each number."""
-        return [number.field for one in self.unknown for number in one.sought for _ in range(number.size)]
-
-    def where(self, field: str) -> list[slice]:
-        """Where the numbers of a field stand, of every unknown load that has it."""
-        starts = [
-            (part.start + self.fields[part].index(field), part) for part in self.parts if field in self.fields[part]
-        ]
-        return [slice(start, start + self.fields[part].count(field)) for start, part in starts]
-
-    @property
-    def resultants(self) -> list[Array]:
-        """Total forces of the unknown loads ``(3, numbers)``, by all numbers that are sought."""
-        found = []
-        for part, each in zip(self.parts, self.unknown, strict=True):
-            rows = np.zeros((3, len(self.labels)))
-            rows[:, part] = each.resultant
-            found.append(rows)
-        return found
-
-    def roughness(self) -> Array | None:
-        """Of a distributed force whose smoothness is not given, as a quadratic form of all numbers."""
-        found = np.zeros((len(self.labels),) * 2)
-        for part, each in zip(self.parts, self.unknown, strict=True):
-            if each.roughly:
-                found[part, part] = each.roughness
-        return found if found.any() else None
-
-    def loads_at(self, known: Sequence[Load], numbers: Array) -> list[Load]:
-        """The known loads and those sought, with the numbers of the model."""
-        values: dict[str, Any] = {}
-        start = 0
-        for name in self.names:
-            _, k, field = parsed(name)
-            size = 1 if field == "arc_length" else 3
-            number = numbers[start] if size == 1 else numbers[start : start + size]
-            values[f"loads[{int(k) - self.first}].{field}"] = number
-            start += size
-        return [*known, *loads_with(self.templates, values)]
 
 
 @attrs.frozen(eq=False)

@@ -9,12 +9,10 @@ import numpy as np
 from ..checks import Array
 from ..estimation.measurements import BackboneMeasurement, PositionMeasurement
 from ..forward.plot import draw_backbone
-from .estimate import principal
+from .solution import Solution, principal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from .estimate import ForceEstimate
 
 _INSIDE = 0.95  # probability of the bands and ellipses
 _PLANES = ((0, 2), (1, 2), (0, 1))
@@ -23,7 +21,7 @@ _FORCE, _BAND = "#B2182B", "#4D4D4D"
 _PLACES = 41  # along the robot, of its band
 
 
-def figure_force(estimate: ForceEstimate) -> Figure:
+def figure_force(estimate: Solution) -> Figure:
     """The shape with what was measured in two planes, the band of its positions, and how well the loads are known.
 
     Below the shape the confidence ellipses of forces in three planes, and densities of distributed forces with bands.
@@ -59,7 +57,7 @@ def _factor(dimensions: int) -> float:
     return float(np.sqrt(chi2.ppf(_INSIDE, dimensions)))
 
 
-def _draw_shape(estimate: ForceEstimate, ax: Any, plane: tuple[int, int]) -> None:
+def _draw_shape(estimate: Solution, ax: Any, plane: tuple[int, int]) -> None:
     shape = estimate.shape
     draw_backbone(shape, ax, plane)
     points = _measured(estimate)
@@ -76,7 +74,7 @@ def _draw_shape(estimate: ForceEstimate, ax: Any, plane: tuple[int, int]) -> Non
     ax.set_aspect("equal", adjustable="datalim")
 
 
-def _where(estimate: ForceEstimate) -> list[float]:
+def _where(estimate: Solution) -> list[float]:
     """Where each force is drawn: a distributed one in the middle of what it does."""
     places = estimate.arc_length if len(estimate.case.numbered.unknown) > 1 else [estimate.arc_length]
     found = []
@@ -108,7 +106,7 @@ def _draw_width(ax: Any, s: Array, covariances: Array) -> None:
     ax.set_ylim(bottom=0.0)
 
 
-def _draw_density(estimate: ForceEstimate, ax: Any, number: int, axis: int) -> None:
+def _draw_density(estimate: Solution, ax: Any, number: int, axis: int) -> None:
     s = estimate.stretch(number)
     density, errors = (each[:, axis] for each in estimate.density(s, number))
     (line,) = ax.plot(1e3 * s, density, label="estimate")
@@ -120,13 +118,13 @@ def _draw_density(estimate: ForceEstimate, ax: Any, number: int, axis: int) -> N
         ax.legend(frameon=False, fontsize=8)
 
 
-def _measured(estimate: ForceEstimate) -> Array:
+def _measured(estimate: Solution) -> Array:
     kinds = PositionMeasurement, BackboneMeasurement
     found = [each.position for each in estimate.case.experiment.measurements if isinstance(each, kinds)]
     return np.vstack(found) if found else np.zeros((0, 3))
 
 
-def _draw_ellipses(estimate: ForceEstimate, ax: Any, plane: tuple[int, int], numbers: list[int]) -> None:
+def _draw_ellipses(estimate: Solution, ax: Any, plane: tuple[int, int], numbers: list[int]) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     circle = _factor(2) * np.vstack((np.cos(angle), np.sin(angle)))
     forces, covariances = np.atleast_2d(estimate.force), np.reshape(estimate.force_covariance, (-1, 3, 3))

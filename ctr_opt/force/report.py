@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..forward.report import row
 from ..robot.names import unit_of
-
-if TYPE_CHECKING:
-    from .estimate import ForceEstimate
-    from .systematic import Systematic
+from .solution import Solution
+from .systematic import Systematic
 
 _MOST = 30.0  # characteristic sizes: a number with a larger standard deviation is not told
 _ROWS = 7  # places along a distributed force that are told
 
 
-def force_report(estimate: ForceEstimate) -> str:
+def force_report(estimate: Solution) -> str:
     """Loads with their errors, what is not known, consistency, other solutions, what would be mistaken for a force."""
     numbers = estimate.case.experiment.numbers
     lines = [f"Loads from {numbers} numbers measured", row("residuals", _consistency(estimate))]
@@ -42,7 +38,7 @@ def force_report(estimate: ForceEstimate) -> str:
     return "\n".join(lines)
 
 
-def _numbers(estimate: ForceEstimate) -> list[str]:
+def _numbers(estimate: Solution) -> list[str]:
     """A line for each number, but for those of distributed forces."""
     spline = {k for part in estimate.case.numbered.where("density") for k in range(part.start, part.stop)}
     lines = []
@@ -58,7 +54,7 @@ def _numbers(estimate: ForceEstimate) -> list[str]:
     return ["", f"  {'':<22}{'estimate':>12}{'+-':>11}   unit", *lines] if lines else []
 
 
-def _densities(estimate: ForceEstimate, number: int) -> list[str]:
+def _densities(estimate: Solution, number: int) -> list[str]:
     """Of a distributed force, at some places."""
     named = f"unknown[{number}], " if len(estimate.case.numbered.unknown) > 1 else ""
     lines = ["", f"  {named + 'force per length [N/m]':<24}" + "".join(f"{axis:>11}{'+-':>9}" for axis in "xyz")]
@@ -71,7 +67,7 @@ def _densities(estimate: ForceEstimate, number: int) -> list[str]:
     return lines
 
 
-def _consistency(estimate: ForceEstimate) -> str:
+def _consistency(estimate: Solution) -> str:
     if estimate.consistent is None:
         return "nothing is left over to tell whether they are consistent"
     verdict = "consistent with model and noise" if estimate.consistent else "NOT CONSISTENT with model and noise"
@@ -81,7 +77,7 @@ def _consistency(estimate: ForceEstimate) -> str:
     )
 
 
-def _mistaken(estimate: ForceEstimate) -> list[Systematic]:
+def _mistaken(estimate: Solution) -> list[Systematic]:
     """Of each kind of systematic error the one that adds most force before it is noticed."""
     worst: dict[str, Systematic] = {}
     for each in estimate.systematic:
@@ -90,7 +86,7 @@ def _mistaken(estimate: ForceEstimate) -> list[Systematic]:
     return list(worst.values())
 
 
-def _magnitudes(estimate: ForceEstimate) -> list[str]:
+def _magnitudes(estimate: Solution) -> list[str]:
     lines = []
     forces, covariances = np.atleast_2d(estimate.force), np.reshape(estimate.force_covariance, (-1, 3, 3))
     every = estimate.axes if len(forces) > 1 else [estimate.axes]
@@ -108,7 +104,7 @@ def _magnitudes(estimate: ForceEstimate) -> list[str]:
     return lines
 
 
-def _places(estimate: ForceEstimate) -> list[str]:
+def _places(estimate: Solution) -> list[str]:
     """Where contacts can be, and how likely other numbers of them are."""
     sets = estimate.arc_length_set
     if sets is None:

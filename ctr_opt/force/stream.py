@@ -18,7 +18,8 @@ from ..layout.ends import Ends
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
-from .case import Case, Numbered, extent
+from .case import Case, extent
+from .numbers import Numbered
 from .problem import ForceEstimationProblem
 from .reach import unreachable
 from .search import Normal, Search, State

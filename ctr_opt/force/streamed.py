@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import attrs
-import numpy as np
 
 from ..checks import Array
 from ..estimation.chi_square import p_value
-from .case import Numbered
+from .numbers import Estimated, Numbered
 
 
 @attrs.frozen(eq=False)
-class StreamedForce:
+class StreamedForce(Estimated):
     """The result of :meth:`ForceEstimator.update <ctr_opt.ForceEstimator.update>`.
 
     Attributes
@@ -44,34 +43,6 @@ class StreamedForce:
     numbered: Numbered = attrs.field(repr=False)
 
     @property
-    def values(self) -> dict[str, float]:
-        """The estimates by name."""
-        return dict(zip(self.labels, self.estimates.tolist(), strict=True))
-
-    @property
-    def deviations(self) -> Array:
-        """Standard deviations of the numbers of :attr:`labels`, SI."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def force(self) -> Array:
-        """The force ``(3,)``, N, world frame; of several unknown loads ``(k, 3)``."""
-        found = np.array([rows @ self.estimates for rows in self.numbered.resultants])
-        return found if len(found) > 1 else np.asarray(found[0])
-
-    @property
-    def force_covariance(self) -> Array:
-        """Covariance of :attr:`force`, N^2: ``(3, 3)``, of several ``(k, 3, 3)``."""
-        found = np.array([rows @ self.covariance @ rows.T for rows in self.numbered.resultants])
-        return found if len(found) > 1 else np.asarray(found[0])
-
-    @property
-    def moment(self) -> Array | None:
-        """The moment at the tip ``(3,)``, N m; None where none is sought."""
-        found = [self.estimates[part] for part in self.numbered.where("moment")]
-        return found[0] if found else None
-
-    @property
     def samples(self) -> int:
         """How many samples are in the horizon."""
         return len(self.window_times)
@@ -82,6 +53,4 @@ class StreamedForce:
         return p_value(self.chi_squared, self.degrees_of_freedom)
 
     def __repr__(self) -> str:
-        both = zip(self.values.items(), self.deviations, strict=True)
-        told = ", ".join(f"{label} = {x:.4g} +- {s:.2g}" for (label, x), s in both)
-        return f"<StreamedForce at {self.time:g} s, {self.status}: {told}>"
+        return f"<StreamedForce at {self.time:g} s, {self.status}: {self._in_words()}>"

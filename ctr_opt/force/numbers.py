@@ -1,0 +1,135 @@
+"""The numbers of unknown loads: what they are, and estimates of them with their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import attrs
+import numpy as np
+
+from ..checks import Array
+from ..loads.kind import Load
+from ..robot.names import loads_with, parsed
+from .unknown import UnknownLoad
+
+
+def one_or_all(values: Sequence[Any]) -> Any:
+    """The value of the one unknown load, or those of several."""
+    return values if len(values) > 1 else values[0]
+
+
+@attrs.frozen(eq=False, slots=False)
+class Numbered:
+    """Unknown loads, the loads that stand for them, and the names, labels and parts of their numbers.
+
+    ``names`` are those of the model, whose first ``first`` loads are known.
+    """
+
+    unknown: tuple[UnknownLoad, ...]
+    first: int
+    templates: tuple[Load, ...]
+    names: tuple[str, ...]
+    labels: tuple[str, ...]
+    parts: tuple[slice, ...]
+
+    @classmethod
+    def of(cls, unknown: tuple[UnknownLoad, ...], first: int) -> Numbered:
+        """Behind so many known loads."""
+        templates: list[Load] = []
+        names: list[str] = []
+        labels: list[str] = []
+        parts = []
+        for k, each in enumerate(unknown):
+            own = each.sought
+            prefix = f"unknown[{k}]." if len(unknown) > 1 else ""
+            names += [f"loads[{first + len(templates) + load}].{field}" for load, field in each.taken]
+            parts.append(slice(len(labels), len(labels) + sum(number.size for number in own)))
+            labels += [prefix + label for number in own for label in number.labels]
+            templates += each.loads()
+        return cls(unknown, first, tuple(templates), tuple(names), tuple(labels), tuple(parts))
+
+    @cached_property
+    def fields(self) -> list[str]:
+        """The field of each number."""
+        return [number.field for one in self.unknown for number in one.sought for _ in range(number.size)]
+
+    def where(self, field: str) -> list[slice]:
+        """Where the numbers of a field stand, of every unknown load that has it."""
+        starts = [
+            (part.start + self.fields[part].index(field), part) for part in self.parts if field in self.fields[part]
+        ]
+        return [slice(start, start + self.fields[part].count(field)) for start, part in starts]
+
+    @property
+    def resultants(self) -> list[Array]:
+        """Total forces of the unknown loads ``(3, numbers)``, by all numbers that are sought."""
+        found = []
+        for part, each in zip(self.parts, self.unknown, strict=True):
+            rows = np.zeros((3, len(self.labels)))
+            rows[:, part] = each.resultant
+            found.append(rows)
+        return found
+
+    def roughness(self) -> Array | None:
+        """Of a distributed force whose smoothness is not given, as a quadratic form of all numbers."""
+        found = np.zeros((len(self.labels),) * 2)
+        for part, each in zip(self.parts, self.unknown, strict=True):
+            if each.roughly:
+                found[part, part] = each.roughness
+        return found if found.any() else None
+
+    def loads_at(self, known: Sequence[Load], numbers: Array) -> list[Load]:
+        """The known loads and those sought, with the numbers of the model."""
+        values: dict[str, Any] = {}
+        start = 0
+        for name in self.names:
+            _, k, field = parsed(name)
+            size = 1 if field == "arc_length" else 3
+            number = numbers[start] if size == 1 else numbers[start : start + size]
+            values[f"loads[{int(k) - self.first}].{field}"] = number
+            start += size
+        return [*known, *loads_with(self.templates, values)]
+
+
+class Estimated:
+    """Estimates of all numbers of unknown loads, SI, in the order of ``labels``, and their covariance."""
+
+    labels: tuple[str, ...]
+    numbered: Numbered
+    estimates: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the numbers of :attr:`labels`, SI."""
+        raise NotImplementedError
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The estimates by name."""
+        return dict(zip(self.labels, self.estimates.tolist(), strict=True))
+
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations of the numbers of :attr:`labels`, SI."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def force(self) -> Array:
+        """The force ``(3,)``, N, world frame, of a distributed one the total; of several unknown loads ``(k, 3)``."""
+        return np.asarray(one_or_all([rows @ self.estimates for rows in self.numbered.resultants]))
+
+    @property
+    def force_covariance(self) -> Array:
+        """Covariance of :attr:`force`, N^2: ``(3, 3)``, of several ``(k, 3, 3)``."""
+        return np.asarray(one_or_all([rows @ self.covariance @ rows.T for rows in self.numbered.resultants]))
+
+    @property
+    def moment(self) -> Array | None:
+        """The moment at the tip ``(3,)``, N m; None where none is sought."""
+        return next((self.estimates[part] for part in self.numbered.where("moment")), None)
+
+    def _in_words(self) -> str:
+        both = zip(self.values.items(), self.deviations, strict=True)
+        return ", ".join(f"{label} = {x:.4g} +- {s:.2g}" for (label, x), s in both)
