@@ -225,6 +225,8 @@ class Entry:
             return index(value, field)
         if self.unit == "whole":
             return whole(value, field, int(self.least or 0), np.inf if self.most is None else self.most)
+        if self.unit == "flag":
+            return flag(value, field)
         if self.choices:
             return choice(value, field, self.choices)
         if not self.shape:

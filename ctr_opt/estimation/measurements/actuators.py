@@ -3,39 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
 
 import attrs
 import numpy as np
 
-from ...checks import Array, Entry, Table, number
+from ...checks import Array, Entry, Table, described, given
 from ...layout.observables import Observable, ObservedList
 from .kind import Measurement, Part
-from .kind import tube as tube_index
-
-
-def _torque(value: Any) -> float:
-    return number(value, "torque", unit="N m")
-
-
-def _force(value: Any) -> float:
-    return number(value, "force", unit="N")
 
 
 class _OfActuator(Measurement):
-    """One number, predicted under the name of the measurement's field."""
+    """One number, predicted under the name of the measurement's field, which is its ``kind``."""
 
-    field: ClassVar[str]
-    si: ClassVar[str]
     tube: int
-
-    def __attrs_post_init__(self) -> None:
-        _ = self.whitener
 
     @property
     def observables(self) -> tuple[Observable, ...]:
         """Of the tube's actuator."""
-        return (Observable(f"actuator_{self.field}", None, self.tube),)
+        return (Observable(f"actuator_{self.kind}", None, self.tube),)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -45,13 +30,12 @@ class _OfActuator(Measurement):
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
         """Of a tube's actuator."""
-        number_of = Entry(cls.si)
-        return (Table(cls.field, {"tube": Entry("tube"), cls.field: number_of, "sigma": number_of}, cls),)
+        return (Table(cls.kind, {**cls.in_files(), "sigma": cls.entries[cls.kind]}, cls),)
 
     @staticmethod
     def compare(measured: Sequence[_OfActuator], values: ObservedList) -> tuple[Array, Array]:
         """Differences of the numbers, and derivatives."""
-        numbers = np.array([[[getattr(one, one.field)]] for one in measured])
+        numbers = np.array([[[getattr(one, one.kind)]] for one in measured])
         return values[0].value[:, None] - numbers, values[0].slopes[:, None]
 
 
@@ -74,11 +58,11 @@ class TorqueMeasurement(_OfActuator):
     (1, 1)
     """
 
-    tube: int = attrs.field(converter=tube_index)
-    torque: float = attrs.field(converter=_torque)
+    kind = "torque"
+    entries = described(tube=Entry("tube"), torque=Entry("N m"))
+    tube: int = attrs.field(converter=given)
+    torque: float = attrs.field(converter=given)
     sigma: float | None = None
-
-    field, si = "torque", "N m"
     parts = (Part("torques", "torque", "N m"),)
 
 
@@ -101,9 +85,9 @@ class ForceMeasurement(_OfActuator):
     (1, 1)
     """
 
-    tube: int = attrs.field(converter=tube_index)
-    force: float = attrs.field(converter=_force)
+    kind = "force"
+    entries = described(tube=Entry("tube"), force=Entry("N"))
+    tube: int = attrs.field(converter=given)
+    force: float = attrs.field(converter=given)
     sigma: float | None = None
-
-    field, si = "force", "N"
     parts = (Part("forces", "force", "N"),)

@@ -8,10 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, array, flag
+from ...checks import ARRAY_EQ, Array, Entry, Table, described, given
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Somewhere
-from .kind import POINTS, Measurement, as_given, distances, vector_sigma
+from .kind import POINTS, Measurement, distances, vector_sigma
 from .position import PositionMeasurement
 
 
@@ -38,19 +38,16 @@ class BackboneMeasurement(Measurement):
     (2, 3)
     """
 
-    position: Array = attrs.field(eq=ARRAY_EQ, converter=as_given)
+    position: Array = attrs.field(eq=ARRAY_EQ, converter=given)
     sigma: Any = None
-    ordered: bool = False
+    ordered: bool = attrs.field(default=False, converter=given)
 
+    entries = described(position=Entry("m", (None, 3)), ordered=Entry("flag"))
     parts = (POINTS,)
 
-    def __attrs_post_init__(self) -> None:
-        given = array(self.position, "position", (None, 3), unit="m")
-        if not len(given):
+    def _check(self) -> None:
+        if not len(self.position):
             raise DefinitionError("position = [] must hold at least one point, shape (k, 3)")
-        object.__setattr__(self, "position", given)
-        object.__setattr__(self, "ordered", flag(self.ordered, "ordered"))
-        _ = self.whitener
 
     @property
     def observables(self) -> tuple[Observable, ...]:
@@ -65,7 +62,7 @@ class BackboneMeasurement(Measurement):
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
         """Points, which may have arc lengths."""
-        entries = {"sigma": vector_sigma("m"), "ordered?": Entry("flag")}
+        entries = {"sigma": vector_sigma("m"), "ordered?": cls.entries["ordered"]}
         return (Table("points", entries, _points, {"x": "m", "y": "m", "z": "m"}, {"s": "m"}),)
 
     @staticmethod

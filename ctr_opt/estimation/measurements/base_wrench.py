@@ -8,14 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, array
+from ...checks import ARRAY_EQ, Array, Entry, Table, described, given
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList
 from .kind import Measurement, Part, six, vector_sigma
-
-
-def _wrench(value: Any) -> Array:
-    return array(value, "wrench", (6,))
 
 
 def _sigma(value: Any) -> Any:
@@ -50,15 +46,13 @@ class BaseWrenchMeasurement(Measurement):
     (1, 6)
     """
 
-    wrench: Array = attrs.field(eq=ARRAY_EQ, converter=_wrench)
+    wrench: Array = attrs.field(eq=ARRAY_EQ, converter=given)
     sigma: Any = attrs.field(default=None, converter=_sigma)
 
+    entries = described(wrench=Entry("1", (6,)))
     one_unit = False
     parts = (Part("wrenches", "base force", "N", last=3), Part("wrenches", "base moment", "N m", first=3))
     columns = {"base_force": "N", "base_moment": "N m"}  # noqa: RUF012
-
-    def __attrs_post_init__(self) -> None:
-        _ = self.whitener
 
     @property
     def observables(self) -> tuple[Observable, ...]:

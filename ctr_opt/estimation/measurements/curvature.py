@@ -8,11 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, array
+from ...checks import ARRAY_EQ, Array, Entry, Table, array, described, given
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place, Stacked
-from .kind import Measurement, Part, as_given, places
-from .kind import tube as tube_index
+from .kind import Measurement, Part, places
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -37,22 +36,22 @@ class CurvatureMeasurement(Measurement):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=places)
-    curvature: Array = attrs.field(eq=ARRAY_EQ, converter=as_given)
+    curvature: Array = attrs.field(eq=ARRAY_EQ, converter=given)
     sigma: Any = None
-    tube: int = attrs.field(default=0, converter=tube_index)
+    tube: int = attrs.field(default=0, converter=given)
 
+    entries = described(tube=Entry("tube"))
     unit = 1.0
     parts = (Part("curvatures", "curvature", "1/m"),)
 
-    def __attrs_post_init__(self) -> None:
-        given = np.atleast_2d(array(self.curvature, "curvature", (None,) * np.ndim(self.curvature), unit="1/m"))
-        if given.shape not in ((len(self.arc_length), 2), (len(self.arc_length), 3)):
+    def _check(self) -> None:
+        rows = np.atleast_2d(array(self.curvature, "curvature", (None,) * np.ndim(self.curvature), unit="1/m"))
+        if rows.shape not in ((len(self.arc_length), 2), (len(self.arc_length), 3)):
             raise DefinitionError(
-                f"curvature has shape {given.shape}, but must have shape ({len(self.arc_length)}, 2) or "
+                f"curvature has shape {rows.shape}, but must have shape ({len(self.arc_length)}, 2) or "
                 f"({len(self.arc_length)}, 3), a row for each arc length"
             )
-        object.__setattr__(self, "curvature", given)
-        _ = self.whitener
+        object.__setattr__(self, "curvature", rows)
 
     @property
     def observables(self) -> tuple[Observable, ...]:
@@ -67,7 +66,7 @@ class CurvatureMeasurement(Measurement):
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
         """Two curvatures at places along a tube."""
-        entries = {"sigma": Entry("1/m", (2,), scalar_too=True), "tube?": Entry("tube")}
+        entries = {"sigma": Entry("1/m", (2,), scalar_too=True), **cls.in_files()}
         return (Table("curvatures", entries, _fibre, {"s": "m", "u_x": "1/m", "u_y": "1/m"}),)
 
     @staticmethod

@@ -16,16 +16,11 @@ from typing import Any, ClassVar
 import attrs
 import numpy as np
 
-from ...checks import Array, Entry, Table, array, index, number
+from ...checks import Array, Checked, Entry, array, described, index, number
 from ...errors import DefinitionError
 from ...layout.observables import Distal, Observable, ObservedList, Place, Stacked
 
 # -- converters of fields ----------------------------------------------------------------------------------------------
-
-
-def tube(value: Any) -> int:
-    """Converter of the index of a tube."""
-    return index(value, "tube")
 
 
 def places(value: Any) -> tuple[Place, ...]:
@@ -52,11 +47,6 @@ def place(value: Any) -> tuple[Place, ...]:
 
 def _length(value: Any) -> float:
     return number(value, "arc_length", least=0.0, unit="m")
-
-
-def as_given(value: Any) -> Any:
-    """Converter of what is checked later, with the other fields."""
-    return value
 
 
 def sensor_name(value: Any) -> str | None:
@@ -102,7 +92,7 @@ def six(first: Any, last: Any) -> Array:
 # -- measurements ------------------------------------------------------------------------------------------------------
 
 
-class Measurement(ABC):
+class Measurement(Checked, ABC):
     """What all kinds of measurements share: whitening, checks, and what files and reports need.
 
     Attributes
@@ -120,8 +110,17 @@ class Measurement(ABC):
     unit: ClassVar[float] = 1e-3
     one_unit: ClassVar[bool] = True
     columns: ClassVar[Mapping[str, str]] = {}
+    entries = described()
     parts: ClassVar[tuple[Part, ...]]
     sigma: Any
+
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
+        self._check()
+        _ = self.whitener
+
+    def _check(self) -> None:
+        """Check fields that depend on each other."""
 
     @property
     @abstractmethod
@@ -173,11 +172,6 @@ class Measurement(ABC):
             for carrier in (one.tube, one.place.tube if isinstance(one.place, Distal) else None):
                 if carrier is not None:
                     index(carrier, "tube", tubes)
-
-    @classmethod
-    def tables(cls) -> tuple[Table, ...]:
-        """Tables ``[[measurements]]`` of files that describe it."""
-        return ()
 
     @classmethod
     def of_columns(cls, values: Mapping[str, Array], sigmas: Mapping[str, Any]) -> Measurement:

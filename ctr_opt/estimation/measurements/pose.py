@@ -8,14 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import Array, Entry, Table, array, index
+from ...checks import Array, Entry, Table, described, given
 from ...errors import DefinitionError
 from ...layout.observables import Distal, Observable, ObservedList, Place
 from .kind import DIRECTIONS, POINTS, Measurement, place, sensor_name, six, vector_sigma
-
-
-def _pose(value: Any) -> Array:
-    return array(value, "pose", (4, 4))
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -44,23 +40,21 @@ class PoseMeasurement(Measurement):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=place)
-    pose: Array = attrs.field(converter=_pose)
+    pose: Array = attrs.field(converter=given)
     sigma: Any = None
-    tube: int | None = None
+    tube: int | None = attrs.field(default=None, converter=given)
     sensor: str | None = attrs.field(default=None, converter=sensor_name)
 
+    entries = described(pose=Entry("1", (4, 4)), tube=Entry("tube", optional=True))
     one_unit = False
     parts = (POINTS, DIRECTIONS)
 
-    def __attrs_post_init__(self) -> None:
-        if self.tube is not None:
-            object.__setattr__(self, "tube", index(self.tube, "tube"))
+    def _check(self) -> None:
         if np.abs(self.pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
             raise DefinitionError(f"pose: the last row {self.pose[3].tolist()} must be [0, 0, 0, 1]")
         frame = self.pose[:3, :3]
         if np.abs(frame.T @ frame - np.eye(3)).max() > 1e-6 or np.linalg.det(frame) < 0.0:
             raise DefinitionError("pose: the upper left 3 x 3 block is no rotation (allowed: 1e-6)")
-        _ = self.whitener
 
     @property
     def observables(self) -> tuple[Observable, ...]:
@@ -76,11 +70,11 @@ class PoseMeasurement(Measurement):
     def tables(cls) -> tuple[Table, ...]:
         """Of a tube's end."""
         entries = {
-            "pose": Entry("1", (4, 4)),
+            **cls.in_files(),
             "position_sigma": vector_sigma("m"),
             "rotation_sigma": vector_sigma("rad"),
         }
-        return (Table("tip_pose", entries | {"tube?": Entry("tube")}, _at_end),)
+        return (Table("tip_pose", entries, _at_end),)
 
     @staticmethod
     def compare(measured: Sequence[PoseMeasurement], values: ObservedList) -> tuple[Array, Array]:

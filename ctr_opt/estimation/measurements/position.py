@@ -9,10 +9,10 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, array
+from ...checks import ARRAY_EQ, Array, Entry, Table, array, given
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place
-from .kind import POINTS, Measurement, as_given, distances, places, sensor_name, vector_sigma
+from .kind import POINTS, Measurement, distances, places, sensor_name, vector_sigma
 
 
 @lru_cache
@@ -47,25 +47,24 @@ class PositionMeasurement(Measurement):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=places)
-    position: Array = attrs.field(eq=ARRAY_EQ, converter=as_given)
+    position: Array = attrs.field(eq=ARRAY_EQ, converter=given)
     sigma: Any = None
     sensor: str | None = attrs.field(default=None, converter=sensor_name)
 
     parts = (POINTS,)
 
-    def __attrs_post_init__(self) -> None:
-        given = array(self.position, "position", (None,) * np.ndim(self.position), unit="m")
-        if given.shape not in ((3,), (len(self.arc_length), 3)) or (given.ndim == 1 and len(self.arc_length) != 1):
+    def _check(self) -> None:
+        points = array(self.position, "position", (None,) * np.ndim(self.position), unit="m")
+        if points.shape not in ((3,), (len(self.arc_length), 3)) or (points.ndim == 1 and len(self.arc_length) != 1):
             raise DefinitionError(
-                f"position has shape {given.shape}, but must have shape ({len(self.arc_length)}, 3), a row for each "
+                f"position has shape {points.shape}, but must have shape ({len(self.arc_length)}, 3), a row for each "
                 "arc length"
             )
         if self.sensor is not None and len(self.arc_length) != 1:
             raise DefinitionError(
                 f"sensor = {self.sensor!r} must be at one place: give a measurement for each of {len(self.arc_length)}"
             )
-        object.__setattr__(self, "position", given.reshape(-1, 3))
-        _ = self.whitener
+        object.__setattr__(self, "position", points.reshape(-1, 3))
 
     @property
     def observables(self) -> tuple[Observable, ...]:

@@ -9,14 +9,14 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import Array, Entry, Table, array
+from ...checks import Array, Entry, Table, direction
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place
 from .kind import DIRECTIONS, Measurement, place, sensor_name
 
 
 def _direction(value: Any) -> Array:
-    return array(value, "direction", (3,))
+    return direction(value, "direction")
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -47,14 +47,9 @@ class TangentMeasurement(Measurement):
 
     parts = (DIRECTIONS,)
 
-    def __attrs_post_init__(self) -> None:
-        size = float(np.linalg.norm(self.direction))
-        if size == 0.0:
-            raise DefinitionError("direction = [0, 0, 0] must not be zero")
+    def _check(self) -> None:
         if self.sigma is not None and np.ndim(self.sigma):
             raise DefinitionError(f"sigma = {self.sigma!r} must be a number, of every axis across the tangent")
-        object.__setattr__(self, "direction", self.direction / size)
-        _ = self.whitener
 
     @cached_property
     def _across(self) -> Array:
