@@ -114,30 +114,30 @@ class CompiledProblem:
 
     def derive(self, of: CompiledRecord, tube: int) -> tuple[Array, Array] | None:
         """The tip's pose rates with actuation ``(6, 2n)`` and with a wrench at the tip of a tube ``(6, 6)``."""
-        rows, inputs = self._inputs(of.actuation, of.loads)
-        assert rows is not None
         jacobian, compliance = np.empty((6, 2 * self._tubes)), np.empty((6, 6))
         refinements = int(of.numbers[Head.REFINEMENTS])
-        outputs = (refinements, tube, jacobian.ctypes.data, compliance.ctypes.data)
-        failed = self.native.derive(self._address, rows.address, inputs, of.start, *outputs)
+        outputs = jacobian.ctypes.data, compliance.ctypes.data
+        failed = self.native.derive(*self._case(of), of.start, refinements, tube, *outputs)
         return None if failed else (jacobian, compliance)
 
     def inspect(self, of: CompiledRecord) -> tuple[Array, float] | None:
         """The exact Jacobian of the tip conditions, and the estimated error over the length."""
-        rows, inputs = self._inputs(of.actuation, of.loads)
-        assert rows is not None
         k = self.sizes.unknowns
         out = np.empty(k * k + 1)
-        failed = self.native.inspect(self._address, rows.address, inputs, of.address, out.ctypes.data)
+        failed = self.native.inspect(*self._case(of), of.address, out.ctypes.data)
         return None if failed else (out[:-1].reshape(k, k), float(out[-1]))
 
     def stability(self, of: CompiledRecord) -> SecondVariation | None:
         """The second variation of the potential energy; None where the slower way must be taken."""
+        margin = ctypes.c_double()
+        negative = self.native.stability(*self._case(of), of.address, ctypes.byref(margin))
+        return None if negative < 0 else SecondVariation(negative, margin.value > 0.0, abs(margin.value))
+
+    def _case(self, of: CompiledRecord) -> tuple[int, int, int]:
+        """The addresses of robot, loads and actuation of a result."""
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
-        margin = ctypes.c_double()
-        negative = self.native.stability(self._address, rows.address, inputs, of.address, ctypes.byref(margin))
-        return None if negative < 0 else SecondVariation(negative, margin.value > 0.0, abs(margin.value))
+        return self._address, rows.address, inputs
 
     def _inputs(self, actuation: Actuation, loads: tuple[Load, ...]) -> tuple[LoadRows | None, int]:
         """Loads as rows and the address of the actuation."""

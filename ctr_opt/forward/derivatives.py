@@ -61,6 +61,13 @@ def actuator_wrench(solved: Solved, tube: int, side: int) -> tuple[float, float]
     return float(force), float(torque)
 
 
+def base_wrench(solved: Solved) -> Array:
+    """Force and moment of the robot on its support."""
+    scales, shooting = solved.configuration.scales, solved.shooting
+    force, moment = (part.full()[:, 0] for part in shooting.functions.support(solved.z, shooting.entry))
+    return np.concatenate((force * scales.force, moment * scales.moment))
+
+
 def kinks(solved: Solved) -> tuple[int, ...]:
     """The tubes whose derivatives by translation differ from side to side."""
     moving = _joints(solved, "translations")

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..checks import Array, index
-from ..errors import DefinitionError, SolveError
+from ..errors import SolveError
 from ..layout.configuration import Configuration
 from ..loads.kind import Load
 from ..mechanics.law import transmission_energy
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from ..solvers.status import SolveStatus
-from ..transcription.shape import Shape, Values
-from ..transcription.shooting import Shooting
+from ..transcription.shape import Shape
 from ..transcription.verification import defect
 from . import derivatives
 from .compiled import Record
@@ -26,11 +24,10 @@ from .plot import plot_equilibrium
 from .record import BaseMoments
 from .report import equilibrium_report
 from .sensitivity import Solved
+from .values import grid, moments, of_tube, poses, vectors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-_DISPLAY_STEPS = 100  # `arc_length` has at least so many steps
 
 
 class Equilibrium:
@@ -232,14 +229,7 @@ class Equilibrium:
     @cached_property
     def arc_length(self) -> Array:
         """Arc lengths, m, to draw or save the shape at: every break point, and at least 100 steps."""
-        breaks = self.configuration.break_points
-        spacing = self.length / _DISPLAY_STEPS
-        parts = [
-            np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False) for a, b in pairwise(breaks)
-        ]
-        grid = np.concatenate((*parts, [self.length]))
-        grid.setflags(write=False)
-        return grid
+        return grid(self.configuration)
 
     @property
     def one_sided(self) -> bool:
@@ -260,56 +250,35 @@ class Equilibrium:
 
     def position(self, s: Any) -> Array:
         """Backbone position at ``s``, m, world frame."""
-        return self._vectors(s, lambda at: at.state.position.T)
+        return vectors(self.shape, s, lambda at: at.state.position.T)
 
     def pose(self, s: Any, tube: int | None = None) -> Array:
         """Material frame of a tube, 4 x 4, z along the backbone; ``None``: the innermost tube present at ``s``."""
-        i = None if tube is None else self._tube(tube)
-
-        def poses(at: Values) -> Array:
-            tubes = (
-                self.configuration.ends.innermost_along(at.arc_length) if i is None else np.full(len(at.arc_length), i)
-            )
-            angles = at.state.angles[tubes, np.arange(len(tubes))]
-            result = np.tile(np.eye(4), (len(tubes), 1, 1))
-            result[:, :3, :3] = _rotations(at.state.orientation, angles)
-            result[:, :3, 3] = at.state.position.T
-            return result
-
-        return self._vectors(s, poses, i)
+        return poses(self.shape, s, tube)
 
     def curvature(self, s: Any) -> Array:
         """Backbone curvature ``(u_x, u_y, 0)``, 1/m, in the rotation-minimizing backbone frame."""
-        return self._vectors(s, lambda at: np.pad(at.bent.T, ((0, 0), (0, 1))))
+        return vectors(self.shape, s, lambda at: np.pad(at.bent.T, ((0, 0), (0, 1))))
 
     def torsion(self, tube: int, s: Any) -> Any:
         """``u_i,z`` of a tube, 1/m."""
-        i = self._tube(tube)
-        return self._evaluate(s, lambda at: at.twisted[i], i)
+        return of_tube(self.shape, tube, s, lambda at, i: at.twisted[i])
 
     def tube_angle(self, tube: int, s: Any) -> Any:
         """``psi_i``, rad: the angle of a tube's material frame against the backbone frame."""
-        i = self._tube(tube)
-        return self._evaluate(s, lambda at: at.state.angles[i], i)
+        return of_tube(self.shape, tube, s, lambda at, i: at.state.angles[i])
 
     def internal_force(self, s: Any) -> Array:
         """``n(s)``, N, world frame: what the material of ``[s, length]`` exerts on ``[0, s]``."""
-        return self._vectors(s, lambda at: at.state.force.T)
+        return vectors(self.shape, s, lambda at: at.state.force.T)
 
     def internal_moment(self, s: Any) -> Array:
         """``m(s)``, N m, world frame: what the material of ``[s, length]`` exerts on ``[0, s]``."""
-
-        def moments(at: Values) -> Array:
-            own = np.vstack((at.state.bending, at.state.torsion.sum(axis=0)))
-            frames = _rotations(at.state.orientation, np.zeros(own.shape[1]))
-            return np.asarray(np.einsum("kij,jk->ki", frames, own))
-
-        return self._vectors(s, moments)
+        return vectors(self.shape, s, moments)
 
     def tube_moment(self, tube: int, s: Any) -> Array:
         """Internal moment of one tube, N m, in its own material frame: ``K_i (u_i - u*_i)`` (paper, (3))."""
-        i = self._tube(tube)
-        return self._vectors(s, lambda at: at.tube_moments[i].T, i)
+        return np.asarray(of_tube(self.shape, tube, s, lambda at, i: at.tube_moments[i].T))
 
     @cached_property
     def base_wrench(self) -> Array:
@@ -327,10 +296,7 @@ class Equilibrium:
         >>> shape.base_wrench.round(9).tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.001]
         """
-        solved, scales = self.solved(), self.configuration.scales
-        shooting = Shooting(solved.configuration, solved.mesh, solved.integrator)
-        force, moment = (part.full()[:, 0] for part in shooting.functions.support(solved.z, shooting.entry))
-        return np.concatenate((force * scales.force, moment * scales.moment))
+        return derivatives.base_wrench(self.solved())
 
     # -- energies ------------------------------------------------------------------------------------------------
 
@@ -520,14 +486,7 @@ class Equilibrium:
             left at the tip are closed by one Newton step, and this is the largest distance by which the shape then
             moves. Infinite where the integrator fails.
         """
-        shape = self.shape
-        scales = self.configuration.scales
-        shooting = Shooting(self.configuration, shape.mesh, shape.integrator)
-        z = self.last_iterate.unknowns(scales, self.configuration.kind.live)
-        try:
-            return scales.length * defect(shooting, z, shape)
-        except ArithmeticError:
-            return float("inf")
+        return defect(self.shape, self.solved().z)
 
     def report(self) -> str:
         """What was solved, how, how well, and what came out."""
@@ -552,41 +511,3 @@ class Equilibrium:
 
     def _no_shape(self) -> SolveError:
         return SolveError(f"there is no shape: {self.message or self.status.description}", self)
-
-    def _tube(self, tube: int) -> int:
-        return index(tube, "tube", self.configuration.tube_count)
-
-    def _vectors(self, s: Any, of: Callable[[Values], Array], tube: int | None = None) -> Array:
-        return np.asarray(self._evaluate(s, of, tube))
-
-    def _evaluate(self, s: Any, of: Callable[[Values], Array], tube: int | None = None) -> Any:
-        """``of`` the values at ``s``, within the robot or within a tube."""
-        try:
-            points = np.asarray(s, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise DefinitionError(f"s = {s!r} must be a number or a one-dimensional array of numbers, in m") from None
-        if points.ndim > 1:
-            raise DefinitionError(f"s has shape {points.shape}, but must be a number or one-dimensional")
-        if points.size == 0:
-            return self._evaluate(np.zeros(1), of, tube)[:0]
-        shape, flat = self.shape, np.atleast_1d(points)
-        if tube is None:
-            flat = shape.inside(flat, self.length, "the robot")
-            values = shape.at(flat)
-        else:
-            end = float(self.configuration.tube_ends[tube])
-            flat = shape.inside(flat, end, f"tube {tube} ({self.robot.tubes[tube].name!r})")
-            values = shape.at(flat, from_left=flat >= shape.inside(np.array([end]), self.length, "the robot"))
-        result = np.asarray(of(values))
-        if points.ndim == 0:
-            return float(result[0]) if result.ndim == 1 else result[0]
-        return result
-
-
-def _rotations(quaternions: Array, angles: Array) -> Array:
-    """``R(q) Rz(angle)``, ``(k, 3, 3)``, from quaternions ``(4, k)``."""
-    from scipy.spatial.transform import Rotation
-
-    turns = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0]))
-    frames = Rotation.from_quat(np.roll(quaternions, -1, axis=0).T) * turns
-    return np.asarray(frames.as_matrix())

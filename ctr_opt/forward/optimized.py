@@ -36,12 +36,12 @@ def minimum(
     energy = run.setup(lambda: EnergyProblem(configuration, mesh, settings.transcription, settings.integrator))
     solver = run.setup(lambda: _solver(energy.program.nlp, settings.ipopt))
     guess = energy.guess(shape)
-    found = minimize(solver, energy, energy.program.free, guess)
+    found = minimize(solver, energy, guess)
     attempt.iterations = found.iterations
     if found.inertia is None and shape is None:
         attempt.saddles, attempt.outcome = 0, "failed"
         attempt = run.attempt("energy, loads in steps")
-        found = minimize_in_steps(solver, energy, energy.program.free, guess)
+        found = minimize_in_steps(solver, energy, guess)
         attempt.iterations = found.iterations
     attempt.saddles = found.descents
     if not found.found:

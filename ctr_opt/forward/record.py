@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import attrs
 import numpy as np
@@ -102,13 +102,18 @@ class Outcome:
 class SolvedRecord:
     """The record of a solve in CasADi's virtual machine, or of a failure or a guess, which have no shape.
 
-    An :class:`~ctr_opt.Equilibrium` is made of one, or of a ``CompiledRecord`` with the same members.
+    An :class:`~ctr_opt.Equilibrium` is made of one, or of a ``CompiledRecord`` with the same members. What is at hand
+    without an evaluation of the shape is None here: the tip's position and pose, and whether it is known that
+    derivatives there have sides.
     """
 
     configuration: Configuration
     base: BaseMoments
     outcome: Outcome
     shape: Shape | None = None
+    tip_position: ClassVar[Array | None] = None
+    tip_pose: ClassVar[Array | None] = None
+    one_sided: ClassVar[bool] = False
 
     @classmethod
     def guess(cls, configuration: Configuration, base: BaseMoments) -> SolvedRecord:
@@ -144,29 +149,13 @@ class SolvedRecord:
     @property
     def unknowns(self) -> Array:
         """Moments, N m, and force, N, at the base in the order of the equations."""
-        own = self.configuration
-        z = self.base.unknowns(own.scales, own.kind.live)
-        return np.asarray(z * own.scales.unknowns(own.tube_count, own.kind.live))
+        base, live = self.base, self.configuration.kind.live
+        return np.concatenate((base.bending, base.torsional, base.force if live else []))
 
     @property
     def second_variation(self) -> SecondVariation | None:
         """Of the potential energy; None where there is none, or no shape."""
         return None if self.shape is None else self.shape.second_variation
-
-    @property
-    def tip_position(self) -> Array | None:
-        """The position of the tip, where it is at hand without an evaluation of the shape; so is the pose."""
-        return None
-
-    @property
-    def tip_pose(self) -> Array | None:
-        """See :attr:`tip_position`."""
-        return None
-
-    @property
-    def one_sided(self) -> bool:
-        """Whether it is known that derivatives at the tip have sides."""
-        return False
 
     def tip_rates(self, tube: int | None = None) -> tuple[Array, Array] | None:
         """Derivatives of the tip's pose by actuation and by a wrench, where they take no derivation."""

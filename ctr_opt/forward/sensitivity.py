@@ -22,6 +22,7 @@ from ..robot.names import Parameter
 from ..transcription.closure import NEGLIGIBLE
 from ..transcription.observing import Observer
 from ..transcription.parametric_problem import ParametricProblem, at_nominal
+from ..transcription.shooting import Shooting
 from .outputs import from_left
 
 
@@ -39,6 +40,11 @@ class Solved:
         """The most steps that the solution needed in any section between break points."""
         sections = np.searchsorted(self.configuration.break_points, self.mesh[:, 0], side="right")
         return int(np.bincount(sections).max())
+
+    @property
+    def shooting(self) -> Shooting:
+        """The boundary-value problem that it solves."""
+        return Shooting(self.configuration, self.mesh, self.integrator)
 
     def under(self, configuration: Configuration) -> Solved:
         """The same numbers as an equilibrium of a configuration that differs by loads of nothing."""

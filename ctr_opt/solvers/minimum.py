@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import Array
+from ..transcription.energy import EnergyProblem
 from .ipopt import IpoptPoint, IpoptSolver
 
 if TYPE_CHECKING:
@@ -18,23 +19,6 @@ _MARGIN = 1e-7  # an eigenvalue relative to the elastic part below which no mini
 _DESCENTS = 6  # saddles left before giving up; each descent lowers the energy
 _FIRST_LOAD, _SMALLEST_LOAD = 1.0 / 16.0, 1.0 / 512.0  # steps, of the whole loads
 _STEPS = (0.3, 1.0, 3.0)  # tried along a descent direction, in units of the elastic metric
-
-
-class Energy(Protocol):
-    """What is minimized: parameters, and the metric of its free variables."""
-
-    def under(self, factor: float) -> Energy:
-        """The same with all loads multiplied."""
-        ...
-
-    @property
-    def parameters(self) -> Array:
-        """The program's parameters."""
-        ...
-
-    def metric(self) -> Array:
-        """Positive weights of the free variables."""
-        ...
 
 
 @attrs.frozen(eq=False)
@@ -94,9 +78,9 @@ class Minimum:
         return self.inertia is not None and self.inertia.smallest > _MARGIN
 
 
-def minimize(solver: IpoptSolver, energy: Energy, free: NDArray[np.intp], guess: Array) -> Minimum:
+def minimize(solver: IpoptSolver, energy: EnergyProblem, guess: Array) -> Minimum:
     """A minimum of the energy near ``guess``, or the stationary point at which the way down was lost."""
-    parameters = energy.parameters
+    parameters, free = energy.parameters, energy.program.free
     point = solver.solve(guess, parameters)
     iterations = point.iterations
     for descents in range(_DESCENTS + 1):
@@ -113,12 +97,12 @@ def minimize(solver: IpoptSolver, energy: Energy, free: NDArray[np.intp], guess:
     return Minimum(point, inertia, descents, iterations)
 
 
-def minimize_in_steps(solver: IpoptSolver, energy: Energy, free: NDArray[np.intp], guess: Array) -> Minimum:
+def minimize_in_steps(solver: IpoptSolver, energy: EnergyProblem, guess: Array) -> Minimum:
     """The same under loads that grow from nothing, each minimum the guess for the next; else the last failure."""
     reached, step, iterations = 0.0, _FIRST_LOAD, 0
     while True:
         target = min(1.0, reached + step)
-        found = minimize(solver, energy.under(target), free, guess)
+        found = minimize(solver, energy.under(target), guess)
         iterations += found.iterations
         if found.found:
             guess, reached, step = found.point.x, target, 2.0 * step

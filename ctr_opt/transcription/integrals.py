@@ -16,7 +16,7 @@ from ..mechanics import rod
 from ..mechanics.kind import Kind, shared_by_kind
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
-from .integrators import RungeKutta, runge_kutta
+from .integrators import runge_kutta
 
 
 class IntegralFunctions:
@@ -27,12 +27,12 @@ class IntegralFunctions:
     ``slopes`` are ``du*_i/ds (3 tubes,)`` node by node. ``hamiltonian: (x, column of one node) -> H``.
     """
 
-    def __init__(self, tubes: int, integrator: RungeKutta, kind: Kind) -> None:
-        self.tubes = tubes
-        columns = StepColumns(tubes, len(integrator.nodes), kind)
+    def __init__(self, tubes: int, integrator: str, kind: Kind) -> None:
+        method = runge_kutta(integrator)
+        columns = StepColumns(tubes, len(method.nodes), kind)
         size = State.size(tubes)
         x, column = ca.SX.sym("x", size), ca.SX.sym("column", columns.size)
-        slopes = ca.SX.sym("slopes", 3 * tubes * len(integrator.nodes))
+        slopes = ca.SX.sym("slopes", 3 * tubes * len(method.nodes))
 
         def derivative(inner: Any, j: int) -> Any:
             state = State.split(inner[:size], tubes)
@@ -46,7 +46,7 @@ class IntegralFunctions:
                 rod.rates(state, local).joined(), elastic, columns.load_energy(column, j, state.position), *forces
             )
 
-        end = integrator.step(derivative, ca.vertcat(x, ca.SX.zeros(2 + tubes)), column[0])
+        end = method.step(derivative, ca.vertcat(x, ca.SX.zeros(2 + tubes)), column[0])
         potential = end[size + 1] + columns.point_energy(column, end[State.parts(tubes)["position"]])
         self.step = ca.Function("integrals", [x, column, slopes], [end[size], potential, end[size + 2 :]])
         single = StepColumns(tubes, 1, kind)
@@ -59,9 +59,5 @@ class IntegralFunctions:
         self.hamiltonian = ca.Function("hamiltonian", [x, here], [work - stored])
 
 
-_shared = shared_by_kind(IntegralFunctions, most=32)
-
-
-def integral_functions(tubes: int, integrator: str, kind: Kind) -> IntegralFunctions:
-    """The functions, shared by every problem with as many tubes and the same kind of loads."""
-    return _shared(tubes, runge_kutta(integrator), kind)
+integral_functions = shared_by_kind(IntegralFunctions, most=32)
+"""The functions for ``(tubes, integrator, kind)``, shared by all problems."""

@@ -19,6 +19,7 @@ from ..layout.parametric import Parametric
 from ..layout.parametric_columns import ParametricColumns, fractions_of
 from ..loads.resolution import called
 from ..mechanics.law import straight_hamiltonian
+from ..mechanics.state import slices
 from ..robot.names import Parameter
 from .shooting import ShootingFunctions, shooting_functions
 
@@ -48,10 +49,7 @@ class ParametricProblem:
         self.integrator = integrator
         self.from_left = from_left
         self.theta = ca.SX.sym("theta", sum(parameter.size for parameter in self.chosen))
-        ends = np.cumsum([parameter.size for parameter in self.chosen]).astype(int)
-        self.parts = {
-            each.name: slice(int(end) - each.size, int(end)) for each, end in zip(self.chosen, ends, strict=True)
-        }
+        self.parts = slices({parameter.name: parameter.size for parameter in self.chosen})
         values = {name: self.theta[part] for name, part in self.parts.items()}
         self.parametric = Parametric(configuration, values, probes, clip)
 
@@ -267,23 +265,10 @@ class Discretized:
         columns, entry, slopes, energy, around, weights, sides = self.data(theta)
         start, after, before = self.sweep(z, entry, columns)
         begins = ca.horzcat(start, after)
-        positions = self.ends.tolist()
+        right, left = begins[:, self.ends.tolist()], before[:, (self.ends[1:] - 1).tolist()]
+        residual, begins = begins[functions.tip_rows, len(self.steps)], begins[:, : len(self.steps)]
         local = {place: around[:, k] for k, place in enumerate(self.around)}
-        return Swept(
-            z,
-            theta,
-            begins[:, positions],
-            before[:, [end - 1 for end in positions[1:]]],
-            begins[functions.tip_rows, len(self.steps)],
-            columns,
-            slopes,
-            begins[:, : len(self.steps)],
-            entry,
-            energy,
-            local,
-            weights,
-            sides,
-        )
+        return Swept(z, theta, right, left, residual, columns, slopes, begins, entry, energy, local, weights, sides)
 
 
 def at_nominal(problem: ParametricProblem, keys: Sequence[Key], mesh: Array) -> list[Array]:

@@ -171,12 +171,8 @@ class SecondVariationFunctions:
         return ca.Function("entry", [w, compliance, shift], [negative], ["W", "compliance", "shift"], ["negative"])
 
 
-_functions = shared_by_kind(SecondVariationFunctions, most=24)
-
-
-def second_variation_functions(tubes: int, integrator: str, kind: Kind) -> SecondVariationFunctions:
-    """The functions, shared by every problem with as many tubes and the same kind of loads."""
-    return _functions(tubes, integrator, kind)
+second_variation_functions = shared_by_kind(SecondVariationFunctions, most=24)
+"""The functions for ``(tubes, integrator, kind)``, shared by all problems."""
 
 
 def _backward(beside: Any, steps: int) -> Any:

@@ -21,20 +21,20 @@ from ..checks import Array
 from ..layout.columns import EntryColumn, StepColumns
 from ..layout.configuration import Configuration
 from ..mechanics import boundary, rod
-from ..mechanics.kind import DEAD, Kind, built_once, shared_by_kind
+from ..mechanics.kind import Kind, built_once, shared_by_kind
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
-from .integrators import RungeKutta, runge_kutta
+from .integrators import runge_kutta
 from .nlp import padded
 
 
 class ShootingFunctions:
     """The CasADi functions for a number of tubes, an integrator and a kind of loads, built when first needed."""
 
-    def __init__(self, tubes: int, integrator: RungeKutta, kind: Kind) -> None:
+    def __init__(self, tubes: int, integrator: str, kind: Kind) -> None:
         self.tubes = tubes
-        self.integrator = integrator
-        self.columns = StepColumns(tubes, len(integrator.nodes), kind)
+        self.integrator = runge_kutta(integrator)
+        self.columns = StepColumns(tubes, len(self.integrator.nodes), kind)
         self.entry = EntryColumn(tubes, kind)
         self.tip_rows = boundary.tip_rows(tubes, kind.live)
         self.unknowns = len(self.tip_rows)  # numbers at the entry point: m_xy, tau_i and, if loads are live, n
@@ -159,12 +159,8 @@ class ShootingFunctions:
         return [first, *np.split(carried, steps, axis=1)]
 
 
-_shared = shared_by_kind(ShootingFunctions, most=64)
-
-
-def shooting_functions(tubes: int, integrator: str = "RK8", kind: Kind = DEAD) -> ShootingFunctions:
-    """The functions, shared by every problem with as many tubes and the same kind of loads."""
-    return _shared(tubes, runge_kutta(integrator), kind)
+shooting_functions = shared_by_kind(ShootingFunctions, most=64)
+"""The functions for ``(tubes, integrator, kind)``, shared by all problems."""
 
 
 def cut(mesh: Array, parts: NDArray[np.intp]) -> Array:

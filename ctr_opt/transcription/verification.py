@@ -23,7 +23,7 @@ def integrate(configuration: Configuration, mesh: Array, right: Array) -> tuple[
     """
     from scipy.integrate import solve_ivp
 
-    functions = shooting_functions(configuration.tube_count, kind=configuration.kind)
+    functions = shooting_functions(configuration.tube_count, "RK8", configuration.kind)
     layout = StepColumns(configuration.tube_count, 1, configuration.kind)
     start, lengths, middle = mesh[:, 0], np.diff(mesh)[:, 0], mesh.mean(axis=1)
 
@@ -42,17 +42,22 @@ def integrate(configuration: Configuration, mesh: Array, right: Array) -> tuple[
     return found.y[:, 0].reshape(right.shape), found.y[:, 1].reshape(right.shape)
 
 
-def defect(shooting: Shooting, z: Array, shape: Shape) -> float:
-    """Largest dimensionless distance between a shape, at both ends and the middle of every step, and the exact one.
+def defect(shape: Shape, z: Array) -> float:
+    """Largest distance between a shape, at both ends and the middle of every step, and the exact one, m.
 
-    The exact shape: every step integrated anew, the gaps that this leaves closed by one Newton step.
+    The exact shape: every step integrated anew, the gaps that this leaves closed by one Newton step. Infinite where the
+    integrator fails; ``z`` are the shape's unknowns at the entry point.
     """
-    configuration, nodes, mesh = shooting.configuration, shape.nodes, shape.mesh
-    middles, ends = integrate(configuration, mesh, nodes.right)
-    closure = close(shooting, z, nodes, ends)
+    configuration, nodes, mesh = shape.configuration, shape.nodes, shape.mesh
+    try:
+        middles, ends = integrate(configuration, mesh, nodes.right)
+    except ArithmeticError:
+        return np.inf
+    closure = close(Shooting(configuration, mesh, shape.integrator), z, nodes, ends)
     position = State.parts(configuration.tube_count)["position"]
     moved, gaps = closure.states[position], closure.gaps[position]
     arrived = np.column_stack((nodes.right, nodes.tip))[position, 1:] + moved[:, 1:] - nodes.left[position]
     passed = shape.at(mesh.mean(axis=1)).state.position / configuration.length
     between = middles[position] + 0.5 * (moved[:, :-1] + moved[:, 1:] - gaps) - passed
-    return float(max(np.linalg.norm(distance, axis=0).max() for distance in (moved, arrived, between)))
+    distance = max(np.linalg.norm(apart, axis=0).max() for apart in (moved, arrived, between))
+    return float(configuration.length * distance)
