@@ -102,7 +102,7 @@ def minimize_in_steps(solver: IpoptSolver, energy: EnergyProblem, guess: Array) 
     reached, step, iterations = 0.0, _FIRST_LOAD, 0
     while True:
         target = min(1.0, reached + step)
-        found = minimize(solver, energy.under(target), guess)
+        found = minimize(solver, energy.scaled(target, target), guess)
         iterations += found.iterations
         if found.found:
             guess, reached, step = found.point.x, target, 2.0 * step

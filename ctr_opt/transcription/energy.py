@@ -8,7 +8,7 @@ multipliers of the nodes' equations are the internal forces and moments.
 
 from __future__ import annotations
 
-from copy import copy
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -65,38 +65,34 @@ class EnergyProgram(TranscribedProgram):
         """One step: defects of the inner states, if there are any, and of the end, and the step's part of ``Pi``."""
         y, end = ca.SX.sym("y", self.states), ca.SX.sym("end", self.states)
         w, column = ca.SX.sym("w", self.controls, self.degree), ca.SX.sym("column", self.columns.size)
-        if self.collocation:
-            inner = ca.SX.sym("inner", self.states, self.degree)
-            defects, arrival, energy = self._collocation_step(y, inner, w, column)
-            given, results = [y, ca.vec(inner), ca.vec(w), end, column], [ca.vec(defects)]
-        else:
-            arrival, energy = self._shooting_step(y, w, column)
-            given, results = [y, ca.vec(w), end, column], []
+        inner = [ca.SX.sym("inner", self.states, self.degree)] if self.collocation else []
+        step: Callable[..., tuple[Any, ...]] = self._collocated if self.collocation else self._integrated
+        *defects, arrival, energy = step(y, *inner, w, column)
         energy += self.columns.point_energy(column, end[:3]) + 0.5 * ca.if_else(column[0] == 0, ca.sumsqr(w), 0)
-        return ca.Function("energy_step", given, [*results, arrival - end, energy])
+        given = [y, *map(ca.vec, (*inner, w)), end, column]
+        return ca.Function("energy_step", given, [*map(ca.vec, defects), arrival - end, energy])
 
-    def _collocation_step(self, y: Any, inner: Any, w: Any, column: Any) -> tuple[Any, Any, Any]:
-        length, points = column[0], self.points
-        rates = [self._rates(inner[:, j], w[:, j], column, j) for j in range(self.degree)]
-        slopes, energies = ca.horzcat(*(rate for rate, _ in rates)), ca.horzcat(*(energy for _, energy in rates))
-        defects = ca.repmat(y, 1, self.degree) + length * (slopes @ ca.DM(points.matrix.T)) - inner
-        return defects, y + length * (slopes @ ca.DM(points.weights)), length * (energies @ ca.DM(points.weights))
+    def _collocated(self, y: Any, inner: Any, w: Any, column: Any) -> tuple[Any, ...]:
+        rates = (self._rates(inner[:, j], w[:, j], column, j) for j in range(self.degree))
+        begin, between = ca.vertcat(y, 0), ca.vertcat(inner, ca.SX(1, self.degree))
+        defects, arrival = self.points.collocated(begin, between, column[0] * ca.horzcat(*rates))
+        return defects[:-1, :], arrival[:-1], arrival[-1]
 
-    def _shooting_step(self, y: Any, w: Any, column: Any) -> tuple[Any, Any]:
+    def _integrated(self, y: Any, w: Any, column: Any) -> tuple[Any, ...]:
         curvatures = w @ ca.DM(interpolation(self.points.nodes, self.integrator.nodes).T)
 
-        def derivative(inner: Any, j: int) -> Any:
-            return ca.vertcat(*self._rates(inner[:-1], curvatures[:, j], column, j))
+        def rates(inner: Any, j: int) -> Any:
+            return self._rates(inner[:-1], curvatures[:, j], column, j)
 
-        arrival = self.integrator.step(derivative, ca.vertcat(y, 0), column[0])
+        arrival = self.integrator.step(rates, ca.vertcat(y, 0), column[0])
         return arrival[:-1], arrival[-1]
 
-    def _rates(self, y: Any, w: Any, column: Any, node: int) -> tuple[Any, Any]:
-        """``y'`` and ``Pi'`` at a node of the data."""
+    def _rates(self, y: Any, w: Any, column: Any, node: int) -> Any:
+        """``y'`` and, behind it, ``Pi'`` at a node of the data."""
         local = self.columns.local(column, node)
         position, orientation = rod.kinematic_rates(y[3:7], w[:2])
         energy = rod.elastic_density(y[7:], w[:2], w[2:], local) + self.columns.load_energy(column, node, y[:3])
-        return ca.vertcat(position, orientation, w[2:]), energy
+        return ca.vertcat(position, orientation, w[2:], energy)
 
     def _with_costates(self) -> ca.Function:
         """From ``y``, its costate and the column of the step before to the states left and right of the node."""
@@ -121,17 +117,10 @@ class EnergyProblem(TranscribedProblem):
     program: EnergyProgram
     programs = shared_by_kind(EnergyProgram, most=32)
 
-    def under(self, factor: float) -> EnergyProblem:
-        """The same problem with all loads multiplied."""
-        other = copy(self)
-        other._columns = self._columns * self.program.columns.factors(factor, factor, 1.0)[:, None]
-        other._entry = self._entry * self.program.entry.factors(factor, factor, 1.0)
-        return other
-
     def _blocks(self, start: Guess) -> dict[str, Array]:
         states = self.program.states
         torque = start.nodes[State.parts(self.configuration.tube_count)["torsion"], 0]
-        compliance = self._entry[self.program.entry.parts["compliance"]]
+        compliance = self.entry[self.program.entry.parts["compliance"]]
         return {
             "transmission": np.sqrt(compliance) * torque,
             "state": start.nodes[:states],
@@ -161,11 +150,11 @@ class EnergyProblem(TranscribedProblem):
         entry_jump = np.zeros((self.program.columns.size, 1))
         for name, part in self.program.columns.parts.items():
             if name.startswith("point_"):
-                entry_jump[part, 0] = self._entry[self.program.entry.parts[name]]
+                entry_jump[part, 0] = self.entry[self.program.entry.parts[name]]
         columns = np.hstack((entry_jump, self._columns[:, :count]))
         left, right = (states.full() for states in self.program.with_costates(y, costate, columns))
         parts = State.parts(self.configuration.tube_count)
         z = [left[parts["bending"], 0], left[parts["torsion"], 0]]
         if self.configuration.kind.live:
-            z.append(left[parts["force"], 0] - self._entry[self.program.entry.parts["force"]])
+            z.append(left[parts["force"], 0] - self.entry[self.program.entry.parts["force"]])
         return NodeStates(right[:, :count], left[:, 1:], right[:, count]), np.concatenate(z)

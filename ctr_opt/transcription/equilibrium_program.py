@@ -59,8 +59,7 @@ class EquilibriumProgram(TranscribedProgram):
             return rod.rates(state, self.columns.local(column, j, state)).joined()
 
         slopes = column[0] * ca.horzcat(*(rates(j) for j in range(degree)))
-        defects = ca.repmat(x, 1, degree) + slopes @ ca.DM(points.matrix.T) - inner
-        before = x + slopes @ ca.DM(points.weights)
+        defects, before = points.collocated(x, inner, slopes)
         state = State.split(before, self.tubes)
         after = boundary.jump(state, *self.columns.point_load(column, state)).joined()
         return ca.Function("collocation_step", [x, ca.vec(inner), column], [ca.vec(defects), after, before])
@@ -75,7 +74,7 @@ class EquilibriumProblem(TranscribedProblem):
     def _blocks(self, start: Guess) -> dict[str, Array]:
         z = start.nodes[self.program.shooting.tip_rows, 0]
         if self.configuration.kind.live:
-            z[-3:] -= self._entry[self.program.entry.parts["force"]]
+            z[-3:] -= self.entry[self.program.entry.parts["force"]]
         return {"entry unknowns": z, "state": start.nodes, "inner state": start.inner}
 
     def recover(self, x: Array) -> tuple[NodeStates, Array]:

@@ -19,6 +19,7 @@ from .integrators import runge_kutta
 from .nlp import Nlp, NlpBuilder, padded
 from .schemes import Collocation, Tableau, Transcription, tableau
 from .shape import Shape
+from .shooting import OnMesh
 
 
 class TranscribedProgram:
@@ -36,9 +37,8 @@ class TranscribedProgram:
         self.collocation: Tableau | None = None
         if isinstance(transcription, Collocation):
             self.collocation = tableau(transcription.degree, transcription.scheme)
-        data = self.collocation or self.integrator
-        self.data_nodes, self.data_weights = data.nodes, data.weights
-        self.columns = StepColumns(tubes, len(data.nodes), kind)
+        self.data = self.collocation or self.integrator
+        self.columns = StepColumns(tubes, len(self.data.nodes), kind)
         self.entry = EntryColumn(tubes, kind)
 
     def begun(self) -> tuple[NlpBuilder, ca.MX, ca.MX]:
@@ -48,7 +48,7 @@ class TranscribedProgram:
         return builder, columns, builder.parameter("entry", self.entry.size)
 
 
-class TranscribedProblem(ABC):
+class TranscribedProblem(OnMesh, ABC):
     """A program with the numbers of a configuration on a mesh; dimensionless."""
 
     programs: ClassVar[Callable[..., Any]]
@@ -61,24 +61,28 @@ class TranscribedProblem(ABC):
             integrator = "RK8"  # not used
         steps = padded(len(mesh))
         program = type(self).programs(configuration.tube_count, transcription, integrator, configuration.kind, steps)
-        self.configuration = configuration
-        self.mesh = mesh
+        super().__init__(configuration, mesh, program, program.data, steps)
         self.program = program
-        layout = program.columns
-        self._columns = layout.pad(layout.pack(configuration, mesh, program.data_nodes), program.steps)
-        total = layout.total_force(self._columns, program.data_weights)
-        self._entry = program.entry.pack(configuration, total)
 
     @property
     def parameters(self) -> Array:
         """The program's parameters."""
-        return np.concatenate((self._columns.ravel(order="F"), self._entry))
+        return np.concatenate((self._columns.ravel(order="F"), self.entry))
 
     def guess(self, shape: Shape | None = None) -> Array:
         """Variables to start from: those of the straight robot, its tubes free of torque, or of another shape."""
         points = np.zeros(0) if self.program.points is None else self.program.points.nodes
-        given = self.configuration, self.mesh, points, self.program.steps
-        blocks = self._blocks(_straight(*given) if shape is None else _like(*given, shape))
+        count, steps, own = len(self.mesh), self.program.steps, self.configuration
+        length = own.length if shape is None else shape.configuration.length
+        mesh = np.vstack((self.mesh, np.full((steps - count, 2), self.mesh[-1, 1]))) * (length / own.length)
+        inner = mesh[:, 0] + np.outer(points, mesh[:, 1] - mesh[:, 0])
+        s = np.minimum(np.concatenate((mesh[:, 0], mesh[-1:, 1], inner.ravel(order="F"))), length)
+        states, curvatures = _straight(own, s) if shape is None else _like(own, s, shape)
+        between, bent = (
+            values[:, steps + 1 :].reshape((len(values), *inner.shape), order="F") for values in (states, curvatures)
+        )
+        bent[:, :, count:] = 0.0
+        blocks = self._blocks(Guess(states[:, : steps + 1], between, bent))
         return np.concatenate([blocks[name].ravel(order="F") for name in self.program.nlp.variables])
 
     @abstractmethod
@@ -99,41 +103,18 @@ class Guess:
     curvatures: Array
 
 
-def _straight(configuration: Configuration, mesh: Array, points: Array, steps: int) -> Guess:
-    parts, pose = State.parts(configuration.tube_count), configuration.robot.base_pose
-    ends, inner = _places(mesh / configuration.length, points, steps)
-
-    def states(s: Array) -> Array:
-        x = np.zeros((State.size(configuration.tube_count), s.size))
-        x[parts["position"]] = pose[:3, 3:] / configuration.length + np.outer(pose[:3, 2], s.ravel(order="F"))
-        x[parts["orientation"]] = configuration.robot.base_quaternion[:, None]
-        x[parts["angles"]] = (configuration.actuation.rotations + configuration.transmission_twist)[:, None]
-        return x.reshape((len(x), *s.shape), order="F")
-
-    return Guess(states(ends), states(inner), np.zeros((2 + configuration.tube_count, *inner.shape)))
+def _straight(configuration: Configuration, s: Array) -> tuple[Array, Array]:
+    """States ``(size, k)`` and curvatures ``(2 + tubes, k)`` of the straight robot, dimensionless."""
+    parts, pose, tubes = State.parts(configuration.tube_count), configuration.robot.base_pose, configuration.tube_count
+    states = np.zeros((State.size(tubes), len(s)))
+    states[parts["position"]] = (pose[:3, 3:] + np.outer(pose[:3, 2], s)) / configuration.length
+    states[parts["orientation"]] = configuration.robot.base_quaternion[:, None]
+    states[parts["angles"]] = (configuration.actuation.rotations + configuration.transmission_twist)[:, None]
+    return states, np.zeros((2 + tubes, len(s)))
 
 
-def _like(configuration: Configuration, mesh: Array, points: Array, steps: int, shape: Shape) -> Guess:
-    """States and curvatures of another shape, its arc length stretched to this robot's."""
-    scales, length = configuration.scales, shape.configuration.length
+def _like(configuration: Configuration, s: Array, shape: Shape) -> tuple[Array, Array]:
+    """Those of another shape."""
+    scales, at = configuration.scales, shape.at(s)
     unit = state_scales(configuration.tube_count, scales.length, scales.moment, scales.force)
-    ends, inner = _places(mesh * (length / scales.length), points, steps)
-
-    at = shape.at(np.minimum(np.append(ends, inner.ravel(order="F")), length))
-    states = stacked(at.state) / unit[:, None]
-    curvatures = np.vstack((at.bent, at.twisted)) * scales.length
-
-    def inside(values: Array) -> Array:
-        return values[:, steps + 1 :].reshape((len(values), *inner.shape), order="F")
-
-    filled = inside(curvatures)
-    filled[:, :, len(mesh) :] = 0.0
-    return Guess(states[:, : steps + 1], inside(states), filled)
-
-
-def _places(mesh: Array, points: Array, steps: int) -> tuple[Array, Array]:
-    """Arc lengths of the nodes ``(steps + 1,)`` and of the points inside ``(points, steps)``, filled up at the tip."""
-    idle = np.full((steps - len(mesh), 2), mesh[-1, 1])
-    filled = np.vstack((mesh, idle))
-    inner = filled[:, 0] + np.outer(points, filled[:, 1] - filled[:, 0])
-    return np.append(filled[:, 0], mesh[-1, 1]), inner
+    return stacked(at.state) / unit[:, None], np.vstack((at.bent, at.twisted)) * scales.length

@@ -85,6 +85,11 @@ class Tableau:
     weights: Array
     matrix: Array
 
+    def collocated(self, x: Any, inner: Any, slopes: Any) -> tuple[Any, Any]:
+        """Defects of the states inside a step from ``x``, and the state at its end; ``slopes`` times its length."""
+        defects = ca.repmat(x, 1, len(self.nodes)) + slopes @ ca.DM(self.matrix.T) - inner
+        return defects, x + slopes @ ca.DM(self.weights)
+
 
 @cache
 def tableau(degree: int, scheme: str = "legendre") -> Tableau:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from copy import copy
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import attrs
 import casadi as ca
@@ -38,14 +38,11 @@ class ShootingFunctions:
         self.entry = EntryColumn(tubes, kind)
         self.tip_rows = boundary.tip_rows(tubes, kind.live)
         self.unknowns = len(self.tip_rows)  # numbers at the entry point: m_xy, tau_i and, if loads are live, n
-        x = ca.SX.sym("x", State.size(tubes))
-        column = ca.SX.sym("column", self.columns.size)
-        before, after = self._step(x, column)
-        self.step = ca.Function("step", [x, column], [after, before], ["x", "column"], ["after", "before"])
         z = ca.SX.sym("z", self.unknowns)
         entry = ca.SX.sym("entry", self.entry.size)
         start = self._start(z, entry)
         self.start = ca.Function("start", [z, entry], [start, ca.jacobian(start, z)], ["z", "entry"], ["x", "dx_dz"])
+        x, column = ca.SX.sym("x", State.size(tubes)), ca.SX.sym("column", self.columns.size)
         state = State.split(x, tubes)
         single = StepColumns(tubes, 1, kind)
         local_column = ca.SX.sym("column", single.size)
@@ -57,15 +54,13 @@ class ShootingFunctions:
         self.rates = ca.Function("rates", [x, local_column], [rod.rates(state, local).joined()])
         behind = boundary.jump(state, *self.columns.point_load(column, state)).joined()
         self.jumped = ca.Function("jumped", [x, column], [behind])
+        before = self.integrated(self.rates, x, column)
+        results = [self.jumped(before, column), before]
+        self.step = ca.Function("step", [x, column], results, ["x", "column"], ["after", "before"])
 
-    def _step(self, x: Any, column: Any) -> tuple[Any, Any]:
-        def derivative(inner: Any, j: int) -> Any:
-            state = State.split(inner, self.tubes)
-            return rod.rates(state, self.columns.local(column, j, state)).joined()
-
-        before = self.integrator.step(derivative, x, column[0])
-        state = State.split(before, self.tubes)
-        return before, boundary.jump(state, *self.columns.point_load(column, state)).joined()
+    def integrated(self, rates: ca.Function, x: Any, column: Any) -> Any:
+        """What ``x`` becomes over a step, by its ``rates`` of ``(x, column of one node)``."""
+        return self.integrator.step(lambda inner, j: rates(inner, self.columns.node(column, j)), x, column[0])
 
     @built_once
     def linear_step(self, directions: int) -> ca.Function:
@@ -81,8 +76,8 @@ class ShootingFunctions:
             return ca.Function("linear", [ca.horzcat(x, seeds), data], [both], {"cse": True})
 
         rates, jumped = with_directions(self.rates), with_directions(self.jumped)
-        before = self.integrator.step(lambda inner, j: rates(inner, self.columns.node(column, j)), both, column[0])
-        return ca.Function("linear_step", [both, column], [jumped(before, column)])
+        results = [jumped(self.integrated(rates, both, column), column)]
+        return ca.Function("linear_step", [both, column], results)
 
     def _entered(self, z: Any, entry: Any) -> State[Any]:
         tubes = self.tubes
@@ -180,7 +175,30 @@ class NodeStates:
     tip: Array
 
 
-class Shooting:
+class OnMesh:
+    """A configuration on a mesh as numbers for symbolic functions: columns of its steps and of the entry point.
+
+    ``data`` has the nodes of a step and their weights; steps of length zero are appended up to ``steps``.
+    """
+
+    def __init__(self, configuration: Configuration, mesh: Array, functions: Any, data: Any, steps: int) -> None:
+        self.configuration = configuration
+        self.mesh = mesh
+        self._layouts: tuple[StepColumns, EntryColumn] = functions.columns, functions.entry
+        columns = functions.columns.pack(configuration, mesh, data.nodes)
+        self._columns: Array = functions.columns.pad(columns, steps)
+        total = functions.columns.total_force(columns, data.weights)  # its own quadrature: n ends at zero
+        self.entry: Array = functions.entry.pack(configuration, total)
+
+    def scaled(self, conservative: float = 1.0, rest: float = 1.0, precurvature: float = 1.0) -> Self:
+        """The same problem with the loads that have a potential, the rest and the preset curvatures multiplied."""
+        other, (steps, entry) = copy(self), self._layouts
+        other._columns = self._columns * steps.factors(conservative, rest, precurvature)[:, None]
+        other.entry = self.entry * entry.factors(conservative, rest, precurvature)
+        return other
+
+
+class Shooting(OnMesh):
     """The boundary-value problem of a configuration on a mesh, ready for numbers; everything is dimensionless.
 
     ``kind`` may provide for more loads than the configuration has.
@@ -189,33 +207,16 @@ class Shooting:
     def __init__(
         self, configuration: Configuration, mesh: Array, integrator: str = "RK8", kind: Kind | None = None
     ) -> None:
-        self.configuration = configuration
-        self.mesh = mesh
         self.integrator = integrator
         self.kind = configuration.kind if kind is None else kind
-        layout = self.functions.columns
-        columns = layout.pack(configuration, mesh, self.functions.integrator.nodes)
-        self._columns = layout.pad(columns, padded(len(mesh)))
-        total = layout.total_force(columns, self.functions.integrator.weights)  # its own quadrature: n ends at zero
-        self.entry = self.functions.entry.pack(configuration, total)
+        self.functions = shooting_functions(configuration.tube_count, integrator, self.kind)
+        super().__init__(configuration, mesh, self.functions, self.functions.integrator, padded(len(mesh)))
         self.unknowns = self.functions.unknowns
-
-    @property
-    def functions(self) -> ShootingFunctions:
-        """The symbolic functions, which are shared and never pickled."""
-        return shooting_functions(self.configuration.tube_count, self.integrator, self.kind)
 
     @property
     def columns(self) -> Array:
         """The data of the steps."""
         return self._columns[:, : len(self.mesh)]
-
-    def scaled(self, conservative: float = 1.0, rest: float = 1.0, precurvature: float = 1.0) -> Shooting:
-        """The same problem with the loads that have a potential, the rest and the preset curvatures multiplied."""
-        other = copy(self)
-        other._columns = self._columns * self.functions.columns.factors(conservative, rest, precurvature)[:, None]
-        other.entry = self.entry * self.functions.entry.factors(conservative, rest, precurvature)
-        return other
 
     def refined(self, parts: NDArray[np.intp] | None = None) -> Shooting:
         """The same problem with every step cut in two, or into so many ``parts (steps,)``."""
