@@ -15,6 +15,7 @@ from ..checks import Array
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
 from ..loads.kind import Load
+from ..mechanics.kind import built_once
 from ..native.abi import Failure, Goal, Head
 from ..native.calls import LoadRows, Native, robot_table
 from ..robot.actuation import Actuation
@@ -22,7 +23,7 @@ from ..robot.robot import Robot
 from ..solvers.accuracy import estimate_error_of_nodes
 from ..solvers.status import SolveStatus
 from ..transcription.shape import Shape
-from ..transcription.shooting import NodeStates, Shooting
+from ..transcription.shooting import NodeStates
 from ..transcription.stability import SecondVariation
 from .attempt import Attempt
 from .record import BaseMoments, Outcome, SolvedRecord
@@ -230,10 +231,6 @@ class CompiledRecord:
         self.address = self.numbers.ctypes.data
 
     @cached_property
-    def _rates(self) -> dict[int, tuple[Array, Array] | None]:
-        return {}
-
-    @cached_property
     def numbers(self) -> Array:
         """The result as the library left it."""
         return np.asarray(self._held)
@@ -299,10 +296,9 @@ class CompiledRecord:
         inspected = None if self._problem is None else self._problem.inspect(self)
         if inspected is not None:
             return inspected
-        configuration, shape = self.configuration, self.shape
-        shooting = Shooting(configuration, shape.mesh)
-        z = self.base.unknowns(configuration.scales, configuration.kind.live)
-        estimate, solution = estimate_error_of_nodes(shooting, z, shape.nodes)
+        own, shape = self.configuration, self.shape
+        z = self.base.unknowns(own.scales, own.kind.live)
+        estimate, solution = estimate_error_of_nodes(shape.shooting, z, shape.nodes)
         return solution.jacobian, estimate.error
 
     @cached_property
@@ -325,10 +321,11 @@ class CompiledRecord:
 
         None where the slower way must be taken.
         """
-        tube = self._innermost_at_tip if tube is None else tube
-        if tube not in self._rates:
-            self._rates[tube] = None if self._problem is None else self._problem.derive(self, tube)
-        return self._rates[tube]
+        return self._tip_rates(self._innermost_at_tip if tube is None else tube)
+
+    @built_once
+    def _tip_rates(self, tube: int) -> tuple[Array, Array] | None:
+        return None if self._problem is None else self._problem.derive(self, tube)
 
     @property
     def one_sided(self) -> bool:

@@ -70,8 +70,6 @@ def state_scales(tubes: int, length: float, moment: float, force: float) -> Arra
     """The unit in which each entry of a dimensionless state is measured."""
     scale = np.ones(State.size(tubes))
     parts = State.parts(tubes)
-    scale[parts["position"]] = length
-    scale[parts["bending"]] = moment
-    scale[parts["torsion"]] = moment
-    scale[parts["force"]] = force
+    for name, unit in {"position": length, "bending": moment, "torsion": moment, "force": force}.items():
+        scale[parts[name]] = unit
     return scale

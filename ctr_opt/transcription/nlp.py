@@ -31,11 +31,6 @@ class Block:
         """The block out of the whole vector, ``(rows, columns)``."""
         return np.asarray(vector[self.indices])
 
-    def label(self, index: int) -> str:
-        """An entry in words."""
-        column, row = divmod(index - self.start, len(self.rows))
-        return f"{self.name}, {self.rows[row]}" if self.columns == 1 else f"{self.name} {column}, {self.rows[row]}"
-
 
 @attrs.frozen(eq=False)
 class Nlp:
@@ -51,7 +46,8 @@ class Nlp:
     def describe_constraint(self, index: int) -> str:
         """A row of ``g`` in words, like ``collocation 3, node 2, psi_1``."""
         block = next(b for b in self.constraints.values() if b.start <= index < b.start + len(b.rows) * b.columns)
-        return block.label(index)
+        column, row = divmod(index - block.start, len(block.rows))
+        return f"{block.name}{'' if block.columns == 1 else f' {column}'}, {block.rows[row]}"
 
 
 def padded(count: int) -> int:

@@ -15,7 +15,7 @@ from ..layout.columns import StepColumns
 from ..layout.configuration import Configuration, LoadValues
 from ..loads.field import Field, parted
 from ..mechanics.state import State, state_scales
-from .shooting import NodeStates, ShootingFunctions, shooting_functions
+from .shooting import NodeStates, Shooting, ShootingFunctions, shooting_functions
 from .stability import SecondVariation, second_variation, smallest_eigenvalue
 
 _QUADRATURE = 6  # Gauss points a step for energies: exact to the accuracy of the steps themselves
@@ -52,6 +52,11 @@ class Shape:
     def functions(self) -> ShootingFunctions:
         """The symbolic functions, which are shared and never pickled."""
         return shooting_functions(self.configuration.tube_count, self.integrator, self.configuration.kind)
+
+    @property
+    def shooting(self) -> Shooting:
+        """The boundary-value problem on the same mesh."""
+        return Shooting(self.configuration, self.mesh, self.integrator)
 
     def inside(self, s: Array, most: float, what: str) -> Array:
         """``s`` as an array, or an error where it is not within ``[0, most]``; the break points are hit exactly."""
@@ -100,12 +105,12 @@ class Shape:
         """Of the potential energy; None where a load has none, and where it could not be told."""
         if self.configuration.without_potential:
             return None
-        return second_variation(self.configuration, self.mesh, self.nodes.right, self.integrator)
+        return second_variation(self.shooting, self.nodes.right)
 
     @cached_property
     def smallest_eigenvalue(self) -> float:
         """Of the second variation against its elastic part, where it is positive."""
-        return smallest_eigenvalue(self.configuration, self.mesh, self.nodes.right, self.integrator)
+        return smallest_eigenvalue(self.shooting, self.nodes.right)
 
     @cached_property
     def _integrals(self) -> tuple[float, float]:

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import Array
-from ..layout.configuration import Configuration
 from .nlp import padded
 from .second_variation import second_variation_functions
-from .shooting import Shooting, cut
+from .shooting import Shooting
 
 MARGIN = 1e-7
 """The least margin; coarse steps need a wider one: what their linear maps lack to be symplectic is an error."""
@@ -32,14 +31,11 @@ class SecondVariation:
     margin: float
 
 
-def second_variation(
-    configuration: Configuration, mesh: Array, states: Array, integrator: str
-) -> SecondVariation | None:
-    """The second variation at dimensionless states ``(size, k)`` where the steps of a mesh begin.
+def second_variation(shooting: Shooting, states: Array) -> SecondVariation | None:
+    """The second variation at dimensionless states ``(size, k)`` where the steps of a problem begin.
 
     Loads must have a potential. None where steps cut ever shorter still may hide something.
     """
-    shooting = Shooting(configuration, mesh, integrator)
     for _ in range(_CUTS):
         found, doubtful = count(shooting, states)
         if not doubtful.any():
@@ -50,13 +46,12 @@ def second_variation(
     return None
 
 
-def smallest_eigenvalue(configuration: Configuration, mesh: Array, states: Array, integrator: str) -> float:
+def smallest_eigenvalue(shooting: Shooting, states: Array) -> float:
     """Of (second variation, elastic part), from 0 to 1, at states where the second variation is positive.
 
     By bisection of the margin at which it still is, to ``_PRECISION``; steps are cut in four, as what is taken off
     their elastic parts is put between them.
     """
-    shooting = Shooting(configuration, mesh, integrator)
     for _ in range(2):
         shooting, states = _halved(shooting, states, np.ones(len(shooting.mesh), dtype=bool))
     low, high = 0.0, 1.0
@@ -85,7 +80,7 @@ def count(shooting: Shooting, states: Array, least: float = MARGIN) -> tuple[Sec
 def _halved(shooting: Shooting, states: Array, which: NDArray[np.bool_]) -> tuple[Shooting, Array]:
     """The problem with some steps cut in two, and the states at its nodes."""
     parts = np.where(which, 2, 1)
-    finer = Shooting(shooting.configuration, cut(shooting.mesh, parts), shooting.integrator, shooting.kind)
+    finer = shooting.refined(parts)
     starts = np.cumsum(parts) - parts
     inner = np.empty((len(states), parts.sum()))
     inner[:, starts] = states

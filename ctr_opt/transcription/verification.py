@@ -10,7 +10,7 @@ from ..layout.configuration import Configuration
 from ..mechanics.state import State
 from .closure import close
 from .shape import Shape
-from .shooting import Shooting, shooting_functions
+from .shooting import shooting_functions
 
 _RELATIVE, _ABSOLUTE = 1e-12, 1e-14
 _LONGEST = 1.0 / 32.0  # of a step of the mesh, under expressions: what they hide between longer steps would be missed
@@ -53,7 +53,7 @@ def defect(shape: Shape, z: Array) -> float:
         middles, ends = integrate(configuration, mesh, nodes.right)
     except ArithmeticError:
         return np.inf
-    closure = close(Shooting(configuration, mesh, shape.integrator), z, nodes, ends)
+    closure = close(shape.shooting, z, nodes, ends)
     position = State.parts(configuration.tube_count)["position"]
     moved, gaps = closure.states[position], closure.gaps[position]
     arrived = np.column_stack((nodes.right, nodes.tip))[position, 1:] + moved[:, 1:] - nodes.left[position]

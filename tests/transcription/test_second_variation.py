@@ -204,7 +204,7 @@ def recount(found, mesh, integrator="RK8"):
     """The count on another mesh, at the states of the shape."""
     shape = found.shape
     at = shape.at(mesh[:, 0])
-    return second_variation(shape.configuration, mesh, stacked(at.state) / shape.unit[:, None], integrator)
+    return second_variation(Shooting(shape.configuration, mesh, integrator), stacked(at.state) / shape.unit[:, None])
 
 
 @pytest.mark.parametrize("seed", [2, 9])
