@@ -88,11 +88,10 @@ class Estimation:
         tolerance: float,
         compiled: bool | None = None,
     ) -> None:
-        self.robot = robot
+        nominal = ForwardProblem(robot, tolerance=tolerance, compiled=compiled)
+        self.robot, self.tolerance, self.compiled = robot, nominal.settings.tolerance, nominal.compiled
         self.experiments = _checked(robot, experiments)
         self.loss = choice(loss, "loss", LOSSES)
-        self.tolerance = tolerance
-        self.compiled = compiled
         self.unknowns = Unknowns(robot, [(each.actuation, each.loads) for each in self.experiments], wanted)
         for k, each in enumerate(self.experiments):
             each.check_places(self._ends[k], f"experiment {each.name or k}: ")
@@ -327,22 +326,14 @@ class Estimation:
         return 0.5 * float(np.sum(((x - mean) / sigma) ** 2))
 
 
-def _checked(robot: Any, experiments: Any) -> list[Experiment]:
-    if not isinstance(robot, Robot):
-        raise DefinitionError(f"robot = {robot!r} must be a Robot")
+def _checked(robot: Robot, experiments: Any) -> list[Experiment]:
     given = [experiments] if isinstance(experiments, Experiment) else list(experiments or ())
     if not given:
         raise DefinitionError("experiments = [] must hold at least one experiment")
-    for k, each in enumerate(given):
-        if not isinstance(each, Experiment):
-            raise DefinitionError(f"experiments[{k}] = {each!r} must be an Experiment")
-        if len(each.actuation.rotations) != len(robot.tubes):
-            raise DefinitionError(
-                f"experiments[{k}]: actuation is of {len(each.actuation.rotations)} tubes, but the robot has "
-                f"{len(robot.tubes)}"
-            )
-        for measurement in each.measurements:
-            measurement.check(len(robot.tubes))
+    for k, experiment in enumerate(given):
+        if not isinstance(experiment, Experiment):
+            raise DefinitionError(f"experiments[{k}] = {experiment!r} must be an Experiment")
+        experiment.check_robot(len(robot.tubes), f"experiments[{k}]: ")
     return given
 
 

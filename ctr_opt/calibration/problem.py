@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
-import numpy as np
-
-from ..checks import choice, flag, number
-from ..errors import DefinitionError, EstimationError
 from ..estimation.experiment import Experiment
-from ..estimation.sensors import names_of
-from ..forward.equilibrium import Equilibrium
-from ..robot.names import parsed
 from ..robot.robot import Robot
+from . import solving
 from .estimation import Estimation, Progress
 from .fit import Fit
-from .reduced import Found, solve_reduced
-from .simultaneous import solve_simultaneous
 from .unknowns import Parameter
-
-METHODS: dict[str, Callable[..., Found]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
 
 
 class CalibrationProblem:
@@ -80,19 +70,8 @@ class CalibrationProblem:
     ) -> None:
         plain = parameters is None or isinstance(parameters, (str, Parameter))
         self.parameters = parameters if plain else list(parameters)
-        accepted = number(tolerance, "tolerance", least=1e-11, most=1e-2)
-        wanted = compiled if compiled is None else flag(compiled, "compiled")
-        self._estimation = Estimation(robot, experiments, self.parameters, loss, accepted, wanted)
-        self._check_sensors()
-
-    def _check_sensors(self) -> None:
-        """Refuse poses of sensors that nothing was measured with."""
-        there = names_of([one for each in self.experiments for one in each.observables])
-        for entry in self._estimation.unknowns.entries:
-            match parsed(entry.acts_on[0]):
-                case ("sensors", name, _) if name not in there:
-                    known = ", ".join(map(repr, there)) or "none"
-                    raise DefinitionError(f"{entry.name!r}: no measurement is of a sensor {name!r}; there are: {known}")
+        self._estimation = Estimation(robot, experiments, self.parameters, loss, tolerance, compiled)
+        solving.check_sensors(self._estimation)
 
     @property
     def robot(self) -> Robot:
@@ -121,17 +100,7 @@ class CalibrationProblem:
         EstimationError
             No answer was found: what was tried, how far it got and what to do.
         """
-        estimation = self._estimation
-        way = METHODS[choice(method, "method", tuple(METHODS))]
-        equilibria = self._prepared(progress)
-        found = way(estimation, equilibria, progress)
-        if not found.converged and way is solve_simultaneous:  # as where the data say nothing of some direction
-            second = solve_reduced(estimation, equilibria, progress)
-            if second.converged:
-                found, method = second, "simultaneous (not converged), then reduced"
-        if not found.converged:
-            raise EstimationError(_failure(estimation, found, method))
-        return Fit(estimation, found, method)
+        return solving.solve(self._estimation, method, progress)
 
     def nominal(self) -> Fit:
         """The initial parameters beside the measurements, as if they had been found: their residuals.
@@ -141,30 +110,4 @@ class CalibrationProblem:
         EstimationError
             They have no equilibrium in some experiment.
         """
-        estimation, equilibria = self._estimation, self._prepared()
-        initial = estimation.unknowns.initial
-        return Fit(estimation, Found(initial, estimation.states(initial, equilibria), True, "nominal", 0), "nominal")
-
-    def _prepared(self, progress: Progress | None = None) -> list[Equilibrium]:
-        """The equilibria that the estimation starts from, its models built."""
-        initial = self._estimation.unknowns.initial
-        equilibria = self._estimation.equilibria_of(initial, "the initial parameters", progress)
-        self._estimation.prepare(equilibria)
-        return equilibria
-
-
-def _failure(estimation: Estimation, found: Found, method: str) -> str:
-    """What was tried, how far it got, what to do."""
-    lower, upper = estimation.unknowns.bounds
-    at_bound = [
-        label
-        for label, x, a, b in zip(estimation.unknowns.labels, found.x, lower, upper, strict=True)
-        if np.isclose(x, a, rtol=1e-6) or np.isclose(x, b, rtol=1e-6)
-    ]
-    hint = f"; at their bounds: {', '.join(at_bound)}" if at_bound else ""
-    values = ", ".join(f"{a} = {x:.6g}" for a, x in zip(estimation.unknowns.labels, found.x, strict=True))
-    return (
-        f"the {method} estimation ended after {found.iterations} iterations: {found.message}; "
-        f"it got to {values}{hint}. "
-        f"Try priors or a better start for the parameters, or fewer of them"
-    )
+        return solving.nominal(self._estimation)

@@ -82,6 +82,14 @@ class Experiment:
         """The same for a robot whose tubes end at ``ends``: see :meth:`Observable.framed`."""
         return tuple(one.framed(ends) for one in self.observables)
 
+    def check_robot(self, tubes: int, where: str = "") -> None:
+        """Refuse an actuation or measurements of another robot than one of so many tubes."""
+        if len(self.actuation.rotations) != tubes:
+            count = len(self.actuation.rotations)
+            raise DefinitionError(f"{where}actuation is of {count} tubes, but the robot has {tubes}")
+        for measurement in self.measurements:
+            measurement.check(tubes)
+
     def check_places(self, ends: Ends, where: str = "") -> None:
         """Refuse measurements where the robot is not, or not the tube that is meant; ``where`` begins the message."""
         for k, measurement in enumerate(self.measurements):

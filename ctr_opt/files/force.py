@@ -12,7 +12,8 @@ import numpy as np
 
 from ..estimation.measurements import MEASUREMENTS, Measurement
 from ..force.estimate import ForceEstimate
-from ..force.problem import UNKNOWN_LOADS, ForceEstimationProblem
+from ..force.estimation import UNKNOWN_LOADS
+from ..force.problem import ForceEstimationProblem
 from ..loads import LOADS
 from ..loads.kind import Load
 from ..robot.actuation import Actuation

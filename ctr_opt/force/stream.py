@@ -19,8 +19,8 @@ from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .case import Case, extent
+from .estimation import Estimation
 from .numbers import Numbered
-from .problem import ForceEstimationProblem
 from .reach import unreachable
 from .search import Normal, Search, State
 from .streamed import StreamedForce
@@ -121,23 +121,16 @@ class ForceEstimator:
         tolerance: float = 1e-7,
         compiled: bool | None = None,
     ) -> None:
-        self._problem = ForceEstimationProblem(
-            robot,
-            unknown,
-            prior=prior,
-            loss=loss,
-            rotation_sigma=rotation_sigma,
-            translation_sigma=translation_sigma,
-            tolerance=tolerance,
-            compiled=compiled,
+        self._estimation = Estimation(
+            robot, unknown, prior, loss, rotation_sigma, translation_sigma, tolerance, compiled
         )
         self.robot = robot
         self.rate = number(rate, "rate", above=0.0, unit="Hz")
         self.horizon = _count(horizon)
         self.outlier = number(outlier, "outlier", above=0.0)
         self.counts: Counter[str] = Counter()
-        self._numbered = Numbered.of(_followed(self._problem.unknown), 0)
-        self._errors = self._problem.errors(fit)
+        self._numbered = Numbered.of(_followed(self._estimation.unknown), 0)
+        self._errors = self._estimation.errors(fit)
         self._homes = None if fit is None else fit.homes
         scale = extent(robot, self._numbered, Ends.of_robot(robot, np.zeros(len(robot.tubes))))[0]
         walk = np.append(_drift(drift, self._numbered) / scale, np.zeros(self._errors.count))
@@ -200,7 +193,8 @@ class ForceEstimator:
         """What is sought and seen; None where nothing is seen."""
         if measurements is None or (isinstance(measurements, Sequence) and not measurements):
             return None
-        return self._problem.case(actuation, measurements, loads, self._errors)
+        experiment, options = self._estimation.experiment(actuation, measurements, loads), self._estimation.options
+        return self._estimation.case(experiment, self._errors.acting(self.robot, experiment), options[0])
 
     # -- one sample ------------------------------------------------------------------------------------------------
 
@@ -254,11 +248,11 @@ class ForceEstimator:
         """From the shape under the loads that were predicted or, failing that, as if it were the first sample."""
         try:
             if self._window.samples:
-                shape = self._problem.shape(case, case.start)
+                shape = self._estimation.shape(case, case.start)
                 state = case.search.solve(shape.unknowns, case.start, case.places(shape))
                 if state is not None:
                     return state
-            return next(iter(self._problem.from_nothing(case)), None)
+            return next(iter(self._estimation.from_nothing(case)), None)
         except (SolveError, EstimationError):
             return None
 

@@ -1,0 +1,73 @@
+"""Calibrations solved, by one way and the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..checks import choice
+from ..errors import DefinitionError, EstimationError
+from ..estimation.sensors import names_of
+from ..forward.equilibrium import Equilibrium
+from ..robot.names import parsed
+from .estimation import Estimation, Progress
+from .fit import Fit
+from .reduced import Found, solve_reduced
+from .simultaneous import solve_simultaneous
+
+METHODS: dict[str, Callable[..., Found]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
+
+
+def check_sensors(estimation: Estimation) -> None:
+    """Refuse poses of sensors that nothing was measured with."""
+    there = names_of([one for experiment in estimation.experiments for one in experiment.observables])
+    for entry in estimation.unknowns.entries:
+        match parsed(entry.acts_on[0]):
+            case ("sensors", name, _) if name not in there:
+                known = ", ".join(map(repr, there)) or "none"
+                raise DefinitionError(f"{entry.name!r}: no measurement is of a sensor {name!r}; there are: {known}")
+
+
+def solve(estimation: Estimation, method: str, progress: Progress | None) -> Fit:
+    """As :meth:`CalibrationProblem.solve <ctr_opt.CalibrationProblem.solve>`."""
+    way = METHODS[choice(method, "method", tuple(METHODS))]
+    equilibria = _prepared(estimation, progress)
+    found = way(estimation, equilibria, progress)
+    if not found.converged and way is solve_simultaneous:  # as where the data say nothing of some direction
+        second = solve_reduced(estimation, equilibria, progress)
+        if second.converged:
+            found, method = second, "simultaneous (not converged), then reduced"
+    if not found.converged:
+        raise EstimationError(_failure(estimation, found, method))
+    return Fit(estimation, found, method)
+
+
+def nominal(estimation: Estimation) -> Fit:
+    """As :meth:`CalibrationProblem.nominal <ctr_opt.CalibrationProblem.nominal>`."""
+    equilibria, initial = _prepared(estimation), estimation.unknowns.initial
+    return Fit(estimation, Found(initial, estimation.states(initial, equilibria), True, "nominal", 0), "nominal")
+
+
+def _prepared(estimation: Estimation, progress: Progress | None = None) -> list[Equilibrium]:
+    """The equilibria that the estimation starts from, its models built."""
+    equilibria = estimation.equilibria_of(estimation.unknowns.initial, "the initial parameters", progress)
+    estimation.prepare(equilibria)
+    return equilibria
+
+
+def _failure(estimation: Estimation, found: Found, method: str) -> str:
+    """What was tried, how far it got, what to do."""
+    lower, upper = estimation.unknowns.bounds
+    at_bound = [
+        label
+        for label, x, a, b in zip(estimation.unknowns.labels, found.x, lower, upper, strict=True)
+        if np.isclose(x, a, rtol=1e-6) or np.isclose(x, b, rtol=1e-6)
+    ]
+    hint = f"; at their bounds: {', '.join(at_bound)}" if at_bound else ""
+    values = ", ".join(f"{a} = {x:.6g}" for a, x in zip(estimation.unknowns.labels, found.x, strict=True))
+    return (
+        f"the {method} estimation ended after {found.iterations} iterations: {found.message}; "
+        f"it got to {values}{hint}. "
+        f"Try priors or a better start for the parameters, or fewer of them"
+    )
