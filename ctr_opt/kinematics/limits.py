@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import compress, pairwise
-from typing import Any
 
 import attrs
 import numpy as np
 
-from ..checks import ARRAY_EQ, Array, array, number
+from ..checks import ARRAY_EQ, Array, Checked, Entry, described, given
 from ..errors import DefinitionError
 from ..loads.kind import Load
 from ..robot.robot import Robot
@@ -20,34 +19,11 @@ _ROUNDING = 1e-9  # rad, m: what is nearer is at the limit
 _MIXING = 5  # places on random lines from one draw of translations to the next
 
 
-def _ranges(value: Any, field: str, unit: str) -> Array | None:
-    if value is None:
-        return None
-    ranges = array(value, field, (None, 2), unit=unit)
-    for i, (low, high) in enumerate(ranges):
-        if low > high:
-            raise DefinitionError(f"{field}[{i}] = [{low:g}, {high:g}] {unit} must be [least, most]")
-    return ranges
-
-
-def _rotations(value: Any) -> Array | None:
-    return _ranges(value, "rotations", "rad")
-
-
-def _translations(value: Any) -> Array | None:
-    return _ranges(value, "translations", "m")
-
-
-def _base_gap(value: Any) -> float | None:
-    return None if value is None else number(value, "base_gap", least=0.0, unit="m")
-
-
-def _tip_gap(value: Any) -> float | None:
-    return None if value is None else number(value, "tip_gap", least=0.0, unit="m")
+_GAP = Entry("m", least=0.0, optional=True)
 
 
 @attrs.frozen
-class JointLimits:
+class JointLimits(Checked):
     """What the joints may do.
 
     Parameters
@@ -69,10 +45,24 @@ class JointLimits:
     0.0
     """
 
-    rotations: Array | None = attrs.field(default=None, converter=_rotations, eq=ARRAY_EQ, hash=False)
-    translations: Array | None = attrs.field(default=None, converter=_translations, eq=ARRAY_EQ, hash=False)
-    base_gap: float | None = attrs.field(default=0.0, converter=_base_gap)
-    tip_gap: float | None = attrs.field(default=1e-4, converter=_tip_gap)
+    entries = described(
+        rotations=Entry("rad", (None, 2), optional=True),
+        translations=Entry("m", (None, 2), optional=True),
+        base_gap=_GAP,
+        tip_gap=_GAP,
+    )
+    rotations: Array | None = attrs.field(default=None, converter=given, eq=ARRAY_EQ, hash=False)
+    translations: Array | None = attrs.field(default=None, converter=given, eq=ARRAY_EQ, hash=False)
+    base_gap: float | None = attrs.field(default=0.0, converter=given)
+    tip_gap: float | None = attrs.field(default=1e-4, converter=given)
+
+    def __attrs_post_init__(self) -> None:
+        super().__attrs_post_init__()
+        for field, ranges in (("rotations", self.rotations), ("translations", self.translations)):
+            for i, (low, high) in enumerate(() if ranges is None else ranges):
+                if low > high:
+                    unit = self.entries[field].unit
+                    raise DefinitionError(f"{field}[{i}] = [{low:g}, {high:g}] {unit} must be [least, most]")
 
 
 @attrs.frozen(eq=False)
