@@ -15,6 +15,7 @@ from itertools import accumulate
 from typing import Any
 
 import attrs
+import numpy as np
 
 from ..mechanics.boundary import tip_rows
 from ..mechanics.kind import Kind
@@ -181,10 +182,13 @@ class Table:
 
     def __init__(self, struct: Any, **values: Any) -> None:
         self.values = values
-        kinds = dict(struct._fields_)
-        pointers = {name: x.ctypes.data_as(kinds[name]) for name, x in values.items() if hasattr(x, "ctypes")}
-        self._struct = struct(**(values | pointers))
+        self._struct = struct()
         self.address = ctypes.addressof(self._struct)
+        for name, x in values.items():
+            if isinstance(x, np.ndarray):  # an address, as pointers of a kind take long to make
+                _ROOM.from_address(self.address + getattr(struct, name).offset).value = x.ctypes.data
+            else:
+                setattr(self._struct, name, x)
 
 
 def columns(struct: Any) -> dict[str, slice]:
