@@ -128,12 +128,18 @@ def _spline_of_points(points: Any) -> Any:
     rows = array(points, "curve", (None, 3), unit="m")
     if len(rows) < 4:
         raise DefinitionError(f"curve has {len(rows)} points, but needs at least 4")
-    chords = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+    return make_interp_spline(chord_lengths(rows, "curve"), rows, k=5 if len(rows) >= 6 else 3)
+
+
+def chord_lengths(points: Array, field: str) -> Array:
+    """Lengths along the chords of points ``(k, 3)``, from 0, which must all differ; errors name ``field``."""
+    chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if np.any(chords == 0.0):
         k = int(np.argmin(chords))
-        raise DefinitionError(f"curve[{k}] and curve[{k + 1}] are the same point {rows[k].tolist()} but must differ")
-    degree = 5 if len(rows) >= 6 else 3
-    return make_interp_spline(np.concatenate(([0.0], np.cumsum(chords))), rows, k=degree)
+        raise DefinitionError(
+            f"{field}[{k}] and {field}[{k + 1}] are the same point {points[k].tolist()} but must differ"
+        )
+    return np.concatenate(([0.0], np.cumsum(chords)))
 
 
 def _spline_of_function(curve: Callable[[float], Any], interval: tuple[float, float]) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks import Array, array, choice, direction, number, whole
 from ..errors import DefinitionError
+from ..robot.curves import chord_lengths
 from ..robot.precurvature import Piece, SampledCurvature, Straight
 from .noise import numbers, points_of, spreads_of
 from .propagation import Propagation
@@ -254,19 +255,12 @@ def _given(method: str, order: int | None, smoothing: float | None) -> float | N
 
 def _chord_lengths(points: Array) -> Array:
     """Chord length, from 0 to 1."""
-    chords = np.diff(points, axis=0)
-    sizes = np.linalg.norm(chords, axis=1)
-    if sizes.min() == 0.0:
-        k = int(np.argmin(sizes))
-        raise DefinitionError(
-            f"points[{k}] and points[{k + 1}] are the same point {points[k].tolist()} but must differ"
-        )
+    reached, chords = chord_lengths(points, "points"), np.diff(points, axis=0)
     ahead = np.einsum("ki,ki->k", chords[1:], chords[:-1])
     noise = np.median(np.sum(np.diff(chords, axis=0) ** 2, axis=1)) / _SECOND_DIFFERENCES
     if ahead.min() <= -_BACK * noise:
         k = int(np.argmin(ahead)) + 1
         raise DefinitionError(f"points[{k}]: the points turn back there; they must be ordered from base to tip")
-    reached = np.concatenate(([0.0], np.cumsum(sizes)))
     return np.asarray(reached / reached[-1])
 
 
