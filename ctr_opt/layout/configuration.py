@@ -54,12 +54,10 @@ class LoadValues:
         if push.field is not None:
             if push.field in fields:
                 self.field[*where, fields.index(push.field)] += push.factor
-        elif push.body:
-            self.body_force[*where, push.tube, :] += force
-            self.body_moment[*where, push.tube, :] += moment
-        else:
-            self.force[*where, :] += force
-            self.moment[*where, push.tube, :] += moment
+            return
+        forces, moments = (self.body_force, self.body_moment) if push.body else (self.force[..., None, :], self.moment)
+        forces[*where, push.tube if push.body else 0, :] += force
+        moments[*where, push.tube, :] += moment
 
 
 @attrs.frozen(eq=False)
@@ -138,7 +136,7 @@ class Configuration:
         self.points = [attrs.evolve(placed, start=self._nearest_break(placed.start)) for placed in self.points]
         pushes = [placed.push for placed in (*self.points, *self.spans)]
         self.kind = kind_of(self.loads, [push.field for push in pushes if push.field is not None])
-        self.transmission_twist, self._straightening_energy = self._transmission()
+        self.transmission_twist, self.straightening_energy = self._transmission()
 
     def _place(self) -> None:
         """Place what the loads come to, as far as each is on its tube."""
@@ -207,11 +205,6 @@ class Configuration:
             twist[i] = tube.shape.integrate(0.0, inside)[2]
             energy += float(tube.shape.integrate(0.0, inside, partial(_held_straight, self.stiffness.of_tube(i))))
         return twist, energy
-
-    @property
-    def straightening_energy(self) -> float:
-        """Energy of the curved parts that are held straight behind the entry point, J."""
-        return self._straightening_energy
 
     @property
     def transmission_compliance(self) -> Array:

@@ -2,6 +2,13 @@
 
 A section lies between two positions of the order, and may have no length. With a given order the answers are numbers;
 sorted by expressions they are symbols, zero or one, and the order is then part of the function.
+
+An expression cannot be moved in a list by its value, but its position can be counted. The rank of a break point is the
+number of those that come before it, a sum of comparisons, ``rank_b = sum_a [s_a < s_b]``. What stands at a position is
+a sum that picks it, ``place_k = sum_b [rank_b = k] s_b``, and a point has been passed where ``rank_b <= k``.
+Comparisons have no derivative: derivatives of places and data are those in the present order. Ranks must differ where
+points coincide, so that the list breaks ties. So that rounding breaks none, points are compared by the least of those
+that are the same point, which is one number for all of them.
 """
 
 from __future__ import annotations

@@ -134,16 +134,9 @@ class ParametricColumns:
         return self._named(total, ca.SX(s), "point_")
 
     def _named(self, total: _Sums, places: Any, prefix: str) -> dict[str, Any]:
-        data = {
-            "force": ca.vec(total.force),
-            "moment": ca.vec(ca.vertcat(*total.moment)),
-            "body_force": ca.vec(ca.vertcat(*total.body_force)),
-            "body_moment": ca.vec(ca.vertcat(*total.body_moment)),
-            "place": places.T,
-            "unit": self._scales.length,
-            "numbers": self._numbers,
-            "field": ca.repmat(ca.vertcat(*total.factors), places.shape[1], 1),
-        }
+        data: dict[str, Any] = {name: ca.vec(part) for name, part in total.parts.items()}
+        data |= {"place": places.T, "unit": self._scales.length, "numbers": self._numbers}
+        data["field"] = ca.repmat(data["field"], places.shape[1], 1)
         return {prefix + name: part for name, part in data.items()}
 
     def _density(self, density: Density, section: int, nodes: Any) -> Any:
@@ -165,24 +158,21 @@ class ParametricColumns:
 
 
 class _Sums:
-    """Forces and the tubes' moments that add up at places, ``(3, places)`` each, and the factors of ``fields``."""
+    """Forces and the tubes' moments that add up at places, ``(.., places)`` by name, and the factors of ``fields``."""
 
     def __init__(self, tubes: int, places: int, fields: tuple[Field, ...]) -> None:
-        self.force = ca.SX.zeros(3, places)
-        self.moment, self.body_force, self.body_moment = (
-            [ca.SX.zeros(3, places) for _ in range(tubes)] for _ in range(3)
-        )
-        self.fields, self.factors = fields, [ca.SX(0) for _ in fields]
+        rows = {"force": 3, "moment": 3 * tubes, "body_force": 3 * tubes, "body_moment": 3 * tubes}
+        self.parts = {name: ca.SX.zeros(size, places) for name, size in rows.items()}
+        self.parts["field"] = ca.SX.zeros(len(fields))
+        self.fields = fields
 
     def add(self, push: Push, weight: Any, force: Any, moment: Any) -> None:
+        own, prefix = slice(3 * push.tube, 3 * push.tube + 3), "body_" if push.body else ""
         if push.field is not None:
-            self.factors[self.fields.index(push.field)] += weight * push.factor
-        elif push.body:
-            self.body_force[push.tube] += weight * force
-            self.body_moment[push.tube] += weight * moment
+            self.parts["field"][self.fields.index(push.field)] += weight * push.factor
         else:
-            self.force += weight * force
-            self.moment[push.tube] += weight * moment
+            self.parts[f"{prefix}force"][own if push.body else slice(0, 3), :] += weight * force
+            self.parts[f"{prefix}moment"][own, :] += weight * moment
 
 
 def _column(data: dict[str, Any], parts: dict[str, slice], units: dict[str, float]) -> Any:
