@@ -78,8 +78,8 @@ def solve(
     for path, suffixes in ((output, tuple(WRITERS)), (figure, FIGURES)):
         if path is not None:
             check_output(path, suffixes)
-    told = {"formulation": formulation, "tolerance": tolerance}
-    arguments = {name: value for name, value in told.items() if value is not None}
+    options = {"formulation": formulation, "tolerance": tolerance}
+    arguments = {name: value for name, value in options.items() if value is not None}
     if is_plan(problem):
         if output is not None or figure is not None:
             raise DefinitionError(
@@ -94,11 +94,11 @@ def solve(
     click.echo(result.report())
     if verify:
         click.echo(f"  {'verified':<22}{result.verify():.1e} m from the independent integrator's shape")
-    as_expected = True
-    for name, (deviation, allowed) in given.deviations(result).items():
-        as_expected &= deviation <= allowed
-        verdict = "as expected" if deviation <= allowed else "NOT AS EXPECTED"
-        click.echo(f"  {name + ' ':<22}{verdict}: {deviation:.1e} off, {allowed:.1e} allowed (SI)")
+    deviations = given.deviations(result)
+    for name, (deviation, allowed) in deviations.items():
+        click.echo(
+            f"  {name + ' ':<22}{_verdict(deviation <= allowed)}: {deviation:.1e} off, {allowed:.1e} allowed (SI)"
+        )
     if output is not None:
         save_shape(result, output)
         click.echo(f"shape written to {output}")
@@ -106,8 +106,12 @@ def solve(
         unloaded = given.solve(loaded=False) if given.loads else None
         save_figure(figure_equilibrium(result, unloaded), figure)
         click.echo(f"figure written to {figure}")
-    if not as_expected:
+    if not all(deviation <= allowed for deviation, allowed in deviations.values()):
         sys.exit(_NOT_SOLVED)
+
+
+def _verdict(right: bool) -> str:
+    return "as expected" if right else "NOT AS EXPECTED"
 
 
 def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
@@ -136,7 +140,7 @@ def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
         for deviation, allowed in problem.deviations(result).values():
             as_expected += deviation <= allowed
             largest = max(largest, deviation)
-            line += f"   {'as expected' if deviation <= allowed else 'NOT AS EXPECTED'}: {deviation:.1e} m off"
+            line += f"   {_verdict(deviation <= allowed)}: {deviation:.1e} m off"
         click.echo(line)
     click.echo(f"{solved} of {count} solved")
     if plan.expected:
@@ -185,13 +189,13 @@ def estimate(problem: Path, figure: Path | None) -> None:
     if figure is not None:
         check_output(figure, FIGURES)
     given = load_force_problem(problem)
-    found = given.solve()
-    click.echo(f"{given.title}\n{found.report()}")
-    verdicts = given.verdicts(found)
-    for told, right in verdicts.items():
-        click.echo(f"  {'as expected' if right else 'NOT AS EXPECTED':<22}{told}")
+    result = given.solve()
+    click.echo(f"{given.title}\n{result.report()}")
+    verdicts = given.verdicts(result)
+    for statement, right in verdicts.items():
+        click.echo(f"  {_verdict(right):<22}{statement}")
     if figure is not None:
-        save_figure(found.plot(), figure)
+        save_figure(result.plot(), figure)
         click.echo(f"figure written to {figure}")
     if not all(verdicts.values()):
         sys.exit(_NOT_SOLVED)

@@ -19,9 +19,9 @@ from ..estimation.measurements import COLUMNS
 from ..robot.robot import Robot
 from .described import read
 from .experiments import read_experiments
-from .problem import Problem, about, load_problem, load_robot
+from .problem import About, Problem, about, load_problem, load_robot
 from .schemas import CALIBRATION, PARAMETER
-from .text import at, read_toml
+from .text import at, keys_of, read_toml
 
 
 @attrs.frozen(eq=False)
@@ -58,7 +58,7 @@ class HoldOut:
 
 
 @attrs.frozen(eq=False)
-class Calibration:
+class Calibration(About):
     """A calibration read from a file.
 
     Attributes
@@ -75,12 +75,8 @@ class Calibration:
         What is predicted and not fitted.
     truth
         Of synthetic data, what they were made with.
-    title, description, source, does_not_claim
-        What it is, where its numbers come from, what they do not claim.
     """
 
-    path: Path
-    title: str
     robot: Robot
     table: Path
     experiments: tuple[Experiment, ...]
@@ -92,9 +88,6 @@ class Calibration:
     held: tuple[Experiment, ...] = ()
     checks: tuple[Check, ...] = ()
     truth: dict[str, Any] = attrs.field(factory=dict)
-    description: str = ""
-    source: str = ""
-    does_not_claim: str = ""
 
     def problem(self, loss: str) -> CalibrationProblem:
         """The problem with one of the losses."""
@@ -103,10 +96,7 @@ class Calibration:
 
 def is_calibration(path: str | os.PathLike[str]) -> bool:
     """Whether a file is a calibration: TOML with ``experiments``."""
-    try:
-        return "experiments" in read_toml(Path(path))
-    except DefinitionError:
-        return False
+    return "experiments" in keys_of(path)
 
 
 def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", measured: bool = True) -> Calibration:

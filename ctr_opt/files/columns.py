@@ -12,6 +12,7 @@ import numpy as np
 
 from ..checks import Array
 from ..errors import DefinitionError
+from .text import read_text
 from .units import to_si
 
 _NUMBER = "a finite number, or empty"
@@ -25,13 +26,11 @@ def read_csv(file: Path, columns: int) -> Array:
         try:
             entries = [float(entry) for entry in row.split(",")]
         except ValueError:
-            raise DefinitionError(
-                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} numbers with commas, "
-                "or a comment behind a #"
-            ) from None
+            entries = []
         if len(entries) != columns or not np.all(np.isfinite(entries)):
             raise DefinitionError(
-                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} finite numbers with commas"
+                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} finite numbers with commas, "
+                "or a comment behind a #"
             )
         table.append(entries)
     if not table:
@@ -113,13 +112,6 @@ def read_columns(file: Path, needed: Mapping[str, str], others: Mapping[str, str
 
 def said_lines(file: Path) -> list[tuple[int, str]]:
     """The lines that say something, with their numbers."""
-    try:
-        lines = file.read_text("utf-8-sig").splitlines()
-    except OSError as error:
-        raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise DefinitionError(f"{file} is no text in UTF-8, so no CSV file") from None
-    except ValueError as error:
-        raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
+    lines = read_text(file, "CSV").splitlines()
     rows = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, start=1)]
     return [(k, row) for k, row in rows if row]

@@ -19,7 +19,7 @@ from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from .columns import read_columns
 from .described import make, read
-from .problem import about, load_robot
+from .problem import About, about, load_robot
 from .schemas import FORCE
 from .text import at, read_toml
 
@@ -29,7 +29,7 @@ _WITHIN, _SHARE = 2.0, 0.85  # standard errors of a density, and the share of it
 
 
 @attrs.frozen(eq=False)
-class ForceProblem:
+class ForceProblem(About):
     """A force problem read from a file.
 
     Attributes
@@ -38,21 +38,14 @@ class ForceProblem:
         What is solved: ``loads`` are the known ones.
     truth, expected
         Of synthetic data, what they were made with and what an estimate should say of them.
-    title, description, source, does_not_claim
-        What it is, where its numbers come from, what they do not claim.
     """
 
-    path: Path
-    title: str
     problem: ForceEstimationProblem
     actuation: Actuation
     measurements: tuple[Measurement, ...]
     loads: tuple[Load, ...]
     truth: dict[str, Any]
     expected: dict[str, Any]
-    description: str = ""
-    source: str = ""
-    does_not_claim: str = ""
 
     def solve(self) -> ForceEstimate:
         """The estimate."""

@@ -11,7 +11,6 @@ import attrs
 import numpy as np
 
 from ..checks import number
-from ..errors import DefinitionError
 from ..forward.problem import ForwardProblem
 from ..forward.report import robot_report
 from ..loads.point import PointWrench
@@ -19,34 +18,27 @@ from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .columns import read_columns
 from .described import read
-from .problem import Problem, about, load_robot
+from .problem import About, Problem, about, load_robot
 from .schemas import PLAN
-from .text import at, read_toml
+from .text import at, keys_of, read_toml
 
 _AXES = ("x", "y", "z")
 
 
 @attrs.frozen
-class Plan:
+class Plan(About):
     """A plan of experiments read from a file.
 
     Attributes
     ----------
-    title, description, source, does_not_claim
-        What it is, where its numbers come from, what they do not claim.
     problems
         One problem for each line of the table, in its order; each can be solved and compared by itself.
     expected
         How the expected tips of the table are known (``text``), and their ``position_tolerance``, m.
     """
 
-    path: Path
-    title: str
     robot: Robot
     problems: tuple[Problem, ...]
-    description: str = ""
-    source: str = ""
-    does_not_claim: str = ""
     expected: dict[str, Any] = attrs.field(factory=dict)
 
 
@@ -127,10 +119,7 @@ def check_plan(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str
 
 def is_plan(path: str | os.PathLike[str]) -> bool:
     """Whether a file is a plan: TOML with ``cases``."""
-    try:
-        return "cases" in read_toml(Path(path))
-    except DefinitionError:
-        return False
+    return "cases" in keys_of(path)
 
 
 def find_plans(folder: str | os.PathLike[str]) -> list[Path]:

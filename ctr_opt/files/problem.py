@@ -22,7 +22,7 @@ from ..robot.robot import ON_OVERLAP, Robot, report_overlaps
 from ..robot.tube import STIFFNESSES, Tube
 from .described import make, read
 from .schemas import PROBLEM, ROBOT
-from .text import at, check_output, read_toml, write_atomically
+from .text import at, check_output, keys_of, read_toml, write_atomically
 
 _TOLERANCES = {
     "tip_position": "position_tolerance",
@@ -32,29 +32,41 @@ _TOLERANCES = {
 }
 
 
+@attrs.frozen(eq=False)
+class About:
+    """What every file but a robot's says of itself.
+
+    Attributes
+    ----------
+    path, title, description
+        Which file it is, and what it is about.
+    source, does_not_claim
+        Where its numbers come from, and what they do not claim.
+    """
+
+    path: Path = attrs.field(kw_only=True)
+    title: str = attrs.field(kw_only=True)
+    description: str = attrs.field(default="", kw_only=True)
+    source: str = attrs.field(default="", kw_only=True)
+    does_not_claim: str = attrs.field(default="", kw_only=True)
+
+
 @attrs.frozen
-class Problem:
+class Problem(About):
     """A problem read from a file: what to solve, where it comes from, what a right answer is.
 
     Attributes
     ----------
     robot, actuation, loads, solver
         What to solve; ``solver`` holds arguments of :class:`~ctr_opt.ForwardProblem`.
-    title, description, source, does_not_claim
-        What it is, where its numbers come from, what they do not claim.
     expected
         The right answer as far as known, by name, with tolerances.
     """
 
-    path: Path
-    title: str
     robot: Robot
     actuation: Actuation
     loads: tuple[Load, ...] = ()
     solver: dict[str, Any] = attrs.field(factory=dict)
-    description: str = ""
-    source: str = ""
-    does_not_claim: str = ""
     expected: dict[str, Any] = attrs.field(factory=dict)
 
     def with_solver(self, arguments: dict[str, Any]) -> Problem:
@@ -166,7 +178,7 @@ def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> P
 
 
 def about(file: Path, data: dict[str, Any]) -> dict[str, Any]:
-    """What every file but a robot's says of itself."""
+    """The arguments of :class:`About`."""
     return {
         "path": file,
         "title": data["title"],
@@ -205,10 +217,7 @@ def find_problems(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def _is_problem(file: Path) -> bool:
-    try:
-        keys = set(read_toml(file))
-    except DefinitionError:
-        return False
+    keys = keys_of(file)
     return {"title", "robot"} <= keys and not keys & {"cases", "experiments", "measurements"}
 
 

@@ -9,31 +9,42 @@ import tomllib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from ..errors import CtrOptError, DefinitionError
-
-if TYPE_CHECKING:
-    pass
 
 _T = TypeVar("_T")
 _parts: set[Path] = set()  # temporary files of outputs that are being written
 
 
-def read_toml(file: Path) -> dict[str, Any]:
-    """The tables of a TOML file."""
+def read_text(file: Path, kind: str) -> str:
+    """A text file; ``kind`` is what messages say that it should be."""
     try:
-        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
+        return file.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise DefinitionError(f"{file} is no text in UTF-8, so no TOML file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise DefinitionError(f"{file} is no valid TOML, perhaps cut off: {error}") from None
+        raise DefinitionError(f"{file} is no text in UTF-8, so no {kind} file") from None
     except ValueError as error:
         raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    """The tables of a TOML file."""
+    try:
+        return tomllib.loads(read_text(file, "TOML"))
+    except tomllib.TOMLDecodeError as error:
+        raise DefinitionError(f"{file} is no valid TOML, perhaps cut off: {error}") from None
     except RecursionError:
         raise DefinitionError(f"{file} is nested too deeply to be a robot or problem file") from None
+
+
+def keys_of(path: str | os.PathLike[str]) -> set[str]:
+    """The keys of a TOML file, by which kinds of files differ; none where it cannot be read."""
+    try:
+        return set(read_toml(Path(path)))
+    except DefinitionError:
+        return set()
 
 
 def at(file: Path, place: str, build: Callable[[], _T]) -> _T:
