@@ -23,7 +23,7 @@ from ..mechanics.law import Stiffness
 from ..mechanics.rod import Local
 from ..mechanics.state import State, slices
 from .configuration import Configuration, Scales
-from .load_columns import LoadColumns, Part
+from .load_columns import Datum, LoadColumns
 
 
 class _Columns:
@@ -32,7 +32,7 @@ class _Columns:
     tubes: int
     kind: Kind
 
-    def _data(self) -> dict[str, Part]:
+    def _data(self) -> dict[str, Datum]:
         """The data but those of loads at a point, in order."""
         raise NotImplementedError
 
@@ -41,7 +41,7 @@ class _Columns:
         return LoadColumns(self.tubes, 1, self.kind, "point_")
 
     @cached_property
-    def table(self) -> dict[str, Part]:
+    def table(self) -> dict[str, Datum]:
         """The data in order."""
         return self._data() | self._point.table
 
@@ -93,10 +93,10 @@ class StepColumns(_Columns):
     def _inner(self) -> LoadColumns:
         return LoadColumns(self.tubes, self.nodes, self.kind)
 
-    def _data(self) -> dict[str, Part]:
-        curved = Part(3 * self.tubes * self.nodes, attrgetter("length"), True, ("precurvature",))
-        stiffness = {name: Part(self.tubes, _stiffness(name)) for name in Stiffness.names()}
-        return {"length": Part(1, _per_length), **stiffness, "precurvature": curved, **self._inner.table}
+    def _data(self) -> dict[str, Datum]:
+        curved = Datum(3 * self.tubes * self.nodes, attrgetter("length"), True, ("precurvature",))
+        stiffness = {name: Datum(self.tubes, _stiffness(name)) for name in Stiffness.names()}
+        return {"length": Datum(1, _per_length), **stiffness, "precurvature": curved, **self._inner.table}
 
     def pack(self, configuration: Configuration, steps: Array, fractions: Array, middle: Array | None = None) -> Array:
         """Columns ``(size, k)`` for ``steps (k, 2)`` with data at ``fractions (nodes,)``; point loads act at step ends.
@@ -146,7 +146,7 @@ class StepColumns(_Columns):
     def node(self, column: Any, node: int) -> Any:
         """The data at a node as a column of the same step with that node alone."""
 
-        def own(part: Part, at: slice) -> Any:
+        def own(part: Datum, at: slice) -> Any:
             width = part.size // self.nodes
             return column[at.start + width * node : at.start + width * (node + 1)] if part.at_nodes else column[at]
 
@@ -164,15 +164,15 @@ class EntryColumn(_Columns):
     tubes: int
     kind: Kind = DEAD
 
-    def _data(self) -> dict[str, Part]:
+    def _data(self) -> dict[str, Datum]:
         n = self.tubes
         return {
-            "position": Part(3, _per_length),
-            "orientation": Part(4),
-            "rotations": Part(n),
-            "twist": Part(n, grows=("precurvature",)),
-            "compliance": Part(n, attrgetter("moment")),
-            "force": Part(3, grows=("conservative",)),  # dimensionless already
+            "position": Datum(3, _per_length),
+            "orientation": Datum(4),
+            "rotations": Datum(n),
+            "twist": Datum(n, grows=("precurvature",)),
+            "compliance": Datum(n, attrgetter("moment")),
+            "force": Datum(3, grows=("conservative",)),  # dimensionless already
         }
 
     def pack(self, configuration: Configuration, total_force: Array) -> Array:
@@ -192,14 +192,9 @@ class EntryColumn(_Columns):
 
     def entry(self, column: Any) -> Entry[Any]:
         """The entry point's data out of a symbolic column."""
-        parts = self.parts
-        return Entry(
-            column[parts["position"]],
-            column[parts["orientation"]],
-            column[parts["rotations"]] + column[parts["twist"]],
-            column[parts["compliance"]],
-            column[parts["force"]],
-        )
+        of = {name: column[part] for name, part in self.parts.items()}
+        turned = of["rotations"] + of["twist"]
+        return Entry(of["position"], of["orientation"], turned, of["compliance"], of["force"])
 
 
 def existing(stiffness: Stiffness, present: Any) -> dict[str, Any]:

@@ -22,7 +22,7 @@ def _one(scales: Scales) -> float:  # noqa: ARG001
 
 
 @attrs.frozen
-class Part:
+class Datum:
     """A datum of a column: of how many numbers, which grow with nothing, or with loads or precurvatures.
 
     ``unit`` gives what they are multiplied by to be dimensionless. ``at_nodes``: whether they are those of one node
@@ -51,7 +51,7 @@ class LoadColumns:
     prefix: str = ""
 
     @property
-    def table(self) -> dict[str, Part]:
+    def table(self) -> dict[str, Datum]:
         """The data, all nodes together."""
         c, fields, along = self.nodes, self.kind.fields, not self.prefix
 
@@ -62,14 +62,14 @@ class LoadColumns:
             return (scales.length if along else 1.0) / scales.moment
 
         each, rest = 3 * self.tubes * c, ("rest",)
-        table = {"force": Part(3 * c, force, along, ("conservative",)), "moment": Part(each, moment, along, rest)}
+        table = {"force": Datum(3 * c, force, along, ("conservative",)), "moment": Datum(each, moment, along, rest)}
         if self.kind.body:
-            table |= {"body_force": Part(each, force, along, rest), "body_moment": Part(each, moment, along, rest)}
+            table |= {"body_force": Datum(each, force, along, rest), "body_moment": Datum(each, moment, along, rest)}
         if fields:
-            table |= {"place": Part(c, at_nodes=along), "unit": Part(1)}
-            table["numbers"] = Part(sum(field.parameters for field in fields))
+            table |= {"place": Datum(c, at_nodes=along), "unit": Datum(1)}
+            table["numbers"] = Datum(sum(field.parameters for field in fields))
             grows = tuple("conservative" if field.conservative else "rest" for field in fields)
-            table["field"] = Part(len(fields) * c, force, along, grows)
+            table["field"] = Datum(len(fields) * c, force, along, grows)
         return {self.prefix + name: part for name, part in table.items()}
 
     def values(self, loads: LoadValues, places: Array, scales: Scales) -> dict[str, Array]:

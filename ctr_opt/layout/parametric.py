@@ -6,28 +6,47 @@ numbers elsewhere; which section they belong to is told by an ``Order``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property, reduce
+from collections.abc import Mapping, Sequence
+from functools import partial, reduce
 from typing import Any
 
+import attrs
 import casadi as ca
 import numpy as np
 
-from ..mechanics.law import Stiffness, straight_energy_density
-from ..robot.names import Parameter, parameters
-from ..robot.piecewise import gauss
-from ..robot.tube import STIFFNESSES
+from ..loads.density import LoadTable
+from ..loads.kind import Load, Push, pushes_of
+from ..robot import tube as formulas
 from .configuration import Configuration
-from .ends import chained_symbols, first_at_tip
-from .ordering import ENTRY, Key, Order
-from .parametric_loads import ParametricLoads
+from .ordering import AHEAD, ENTRY, PASSED, Key
+from .parametric_robot import ParametricRobot
 
 
-class Parametric:
+@attrs.frozen(eq=False)
+class Density:
+    """A load per arc length: ``rows[j] + slopes[j] (s - arc_length[j])`` behind knot ``j``; or a ``function``."""
+
+    knots: list[Key] = attrs.field(factory=list)
+    arc_length: list[float] = attrs.field(factory=list)
+    rows: list[Any] = attrs.field(factory=list)
+    slopes: list[Any] = attrs.field(factory=list)
+    function: Any = None
+
+
+@attrs.frozen(eq=False)
+class SymbolicPush:
+    """A push with parameters for numbers: at the point ``start``, or up to ``end`` with a :class:`Density`."""
+
+    push: Push
+    start: Key
+    end: Key | None
+
+
+class Parametric(ParametricRobot):
     """The configuration with the ``values`` of some parameters, columns of symbols, in the place of its own.
 
     ``probes`` are arc lengths that are to be break points, on a tube or (None) on the robot; under that name they may
-    have symbols among the values. Where the order is not known, ``clip`` keeps every break point on its tube.
+    have symbols among the values. What the loads come to is ``placed``.
     """
 
     def __init__(
@@ -37,162 +56,75 @@ class Parametric:
         probes: Sequence[tuple[float, int | None]] = (),
         clip: bool = False,
     ) -> None:
-        self.configuration = configuration
-        self.tubes = configuration.tube_count
-        self.values = values
-        self.clip = clip
-        self._known: dict[str, Parameter] = parameters(
-            configuration.robot, configuration.actuation, configuration.loads
-        )
+        super().__init__(configuration, values, clip)
         self.within: list[Any] = []  # what must not be negative: how far loads are from the ends of their tubes
-        self.points: dict[Key, Any] = {ENTRY: 0.0}
-        self.nominal: dict[Key, float] = {ENTRY: 0.0}
-        self.translations = [self.at("translations", i) for i in range(self.tubes)]
-        self.shapes = [self._shape(i) for i in range(self.tubes)]
-        self.loads = ParametricLoads(self)
+        loads = configuration.loads
+        pulling = [self._number(k, load, load.pulls) for k, load in enumerate(loads) if load.pulls]
+        gravity, masses = sum(pulling, ca.DM.zeros(3)), self._masses() if pulling else []
+        numbers = [partial(self._number, k, load) for k, load in enumerate(loads)]
+        self.placed = [self._placed(k, loads[k], push) for k, push in pushes_of(loads, numbers, gravity, masses)]
         self._fix_others()
         moving = values.get("probes")
         for k, (s, tube) in enumerate(probes):
             end = self.length if tube is None else self.tube_ends[tube]
             self.add(("probe", k), s if moving is None else moving[k], s, end)
 
-    # -- values ----------------------------------------------------------------------------------------------------
-
-    def at(self, name: str, k: int = 0) -> Any:
-        """One number of a parameter."""
-        if name in self.values:
-            return self.values[name][k]
-        return float(self._known[name].value.flat[k])
-
-    def vector(self, name: str) -> Any:
-        """A parameter of three, as a column."""
-        return self.rows(name)[0]
-
-    def rows(self, name: str) -> list[Any]:
-        """The rows of three of a parameter, as columns."""
-        if name in self.values:
-            return [self.values[name][3 * k : 3 * k + 3] for k in range(self.values[name].shape[0] // 3)]
-        return [ca.DM(row) for row in self._known[name].value.reshape(-1, 3)]
-
-    @cached_property
-    def stiffness(self) -> Stiffness:
-        """The stiffnesses of the tubes ``(tubes,)``."""
-        return Stiffness.of(lambda field: ca.vertcat(*(self._stiffness(i, field) for i in range(self.tubes))))
-
-    def _stiffness(self, i: int, field: str) -> Any:
-        tube, prefix = self.configuration.robot.tubes[i], f"tubes[{i}]."
-        if prefix + field in self.values or field in tube.given_stiffnesses:
-            return self.at(prefix + field)
-        return STIFFNESSES[field](lambda name: None if getattr(tube, name) is None else self.at(prefix + name))
-
-    @property
-    def base(self) -> tuple[Any, Any, Any]:
-        """Rotations; translation and angles of the entry point relative to the robot's base pose."""
-        rotations = ca.vertcat(*(self.at("rotations", i) for i in range(self.tubes)))
-        return rotations, self.vector("base.translation"), self.vector("base.rotation")
-
-    # -- preset curvatures -----------------------------------------------------------------------------------------
-
-    def _shape(self, i: int) -> list[tuple[Key, list[Any]]]:
-        """The pieces of a tube: the break point where each begins, and coefficients of powers of ``s`` from there."""
-        tube = self.configuration.robot.tubes[i]
-        starts, end = list(tube.shape.breaks), self.translations[i]
-        pieces: list[tuple[Key, list[Any]]] = []
-        self.add(("tube", i, 0), end, self.configuration.translations[i])
-        for k, piece in enumerate(tube.precurvature):
-            name = f"tubes[{i}].precurvature[{k}]"
-            stretch = self.at(f"{name}.length") / piece.length
-            own = self.rows(f"{name}.{piece.rows}") if piece.rows else [ca.DM.zeros(3)]
-            for width, rows in piece.parts(own, stretch):
-                pieces.append((("tube", i, len(pieces)), rows))
-                end = end + width
-                nominal = float(self.configuration.translations[i] + starts[len(pieces)])
-                self.add(("tube", i, len(pieces)), end, nominal)
-        return pieces
-
-    def tube_end(self, i: int) -> Key:
-        """The break point where a tube ends."""
-        return ("tube", i, len(self.shapes[i]))
-
-    @property
-    def tube_ends(self) -> list[Any]:
-        """Where the tubes end."""
-        return [self.points[self.tube_end(i)] for i in range(self.tubes)]
-
-    @cached_property
-    def chained_ends(self) -> dict[Key, Any]:
-        """The tubes' ends, those that are one point made equal, to compare with."""
-        ends = chained_symbols(self.tube_ends, self.configuration.ends.slack)
-        return {self.tube_end(i): end for i, end in enumerate(ends)}
-
-    @property
-    def length(self) -> Any:
-        """The end of the outermost tube that ends at the tip, which comes last in an order."""
-        weights = first_at_tip([*self.chained_ends.values()][::-1])[::-1]
-        return sum(weight * end for weight, end in zip(weights, self.tube_ends, strict=True))
-
-    @property
-    def tube_at_tip(self) -> Any:
-        """Weights ``(tubes,)``: one for the innermost tube that ends at the tip."""
-        return ca.vertcat(*first_at_tip([*self.chained_ends.values()]))
-
     @property
     def margin(self) -> Any:
         """How far the robot is from what it cannot be, m: loads beyond their tubes, tubes drawn out or in too far."""
         return reduce(ca.fmin, [*self.within, *self.tube_ends, *(-beta for beta in self.translations)])
 
-    def present(self, order: Order, i: int, section: int) -> Any:
-        """One if a tube exists in a section."""
-        return 1.0 - order.passed(self.tube_end(i), section)
+    def _number(self, k: int, load: Load, field: str) -> Any:
+        """A load's number: a scalar, a column, a table of columns, or a function."""
+        given, name = getattr(load, field), f"loads[{k}].{field}"
+        if isinstance(given, LoadTable):
+            return LoadTable(given.arc_length, self.rows(name))
+        if callable(given):
+            return given
+        return self.vector(name) if np.ndim(given) else self.at(name)
 
-    def precurvature(self, order: Order, i: int, section: int) -> tuple[Any, list[Any]]:
-        """``u*_i`` in a section: from where it is counted, and the coefficients of powers; zero past the tube's end."""
-        start, rows = 0.0, [ca.SX.zeros(3) for _ in range(max(len(rows) for _, rows in self.shapes[i]))]
-        for j, (key, coefficients) in enumerate(self.shapes[i]):
-            weight = order.within(key, ("tube", i, j + 1), section)
-            if isinstance(weight, float) and weight == 0.0:
-                continue
-            start += weight * self.points[key]
-            for d, row in enumerate(coefficients):
-                rows[d] += weight * row
-        return start, rows
+    def _masses(self) -> list[Any]:
+        """The tubes' masses per length; None where there is none."""
+        masses = []
+        for i, tube in enumerate(self.configuration.robot.tubes):
+            name = f"tubes[{i}]."
+            area = formulas.cross_section(self.at(name + "outer_diameter"), self.at(name + "inner_diameter"))
+            heavy = tube.density > 0.0 or name + "density" in self.values
+            masses.append(self.at(name + "density") * area if heavy else None)
+        return masses
 
-    def twist_behind(self, order: Order, i: int) -> Any:
-        """Integral of ``u*_i,z`` behind the entry point."""
-        twist = ca.SX(0)
-        for low, high, rows in self._pieces_behind(order, i):
-            for d, row in enumerate(rows):
-                twist += row[2] * (high ** (d + 1) - low ** (d + 1)) / (d + 1)
-        return twist
+    def _placed(self, k: int, load: Load, push: Push) -> SymbolicPush:
+        start, *end = (self._point(k, field, load.where(field), push.tube) for field in push.places)
+        if not end:
+            return SymbolicPush(push, start, None)
+        force, moment = (
+            self._density(k, load, field, getattr(push, field), end[0], push.tube) for field in ("force", "moment")
+        )
+        return SymbolicPush(push._replace(force=force, moment=moment), start, end[0])
 
-    def energy_behind(self, order: Order, i: int) -> Any:
-        """Energy of holding curved parts straight behind the entry point, J."""
-        energy, stiffness = ca.SX(0), self.stiffness.of_tube(i)
-        for low, high, rows in self._pieces_behind(order, i):
-            half, middle = 0.5 * (high - low), 0.5 * (high + low)
-            for point, weight in zip(*gauss(2 * len(rows)), strict=True):
-                place = middle + float(point) * half
-                preset = sum(row * place**d for d, row in enumerate(rows))
-                energy += float(weight) * half * straight_energy_density(preset, stiffness)
-        return energy
+    def _point(self, k: int, field: str, nominal: float | None, tube: int) -> Key:
+        """The break point where a load acts, begins or ends."""
+        name = f"loads[{k}].{field}"
+        if nominal is None:
+            return self.tube_end(tube)
+        if nominal == 0.0 and name not in self.values:
+            return ENTRY
+        end, value = self.points[self.tube_end(tube)], self.at(name)
+        self.within.append(end - value)
+        return self.add(("load", k, field), value, min(nominal, float(self.configuration.tube_ends[tube])), end)
 
-    def _pieces_behind(self, order: Order, i: int) -> Iterator[tuple[Any, Any, list[Any]]]:
-        """The parts of a tube's pieces behind the entry point: where they begin and end in the piece, coefficients."""
-        for j, (key, rows) in enumerate(self.shapes[i]):
-            rank = order.ranks[key]
-            if not (isinstance(rank, int) and rank >= 0):
-                start = self.points[key]
-                yield order.behind[key] - start, order.behind["tube", i, j + 1] - start, rows
-
-    # -- break points ---------------------------------------------------------------------------------------------
-
-    def add(self, key: Key, value: Any, nominal: float, end: Any = None) -> Key:
-        """A break point, which is kept in front of the ``end`` of what carries it."""
-        if self.clip and end is not None:
-            value = ca.if_else(value <= end, value, end)
-        self.points[key] = value
-        self.nominal[key] = float(nominal)
-        return key
+    def _density(self, k: int, load: Load, field: str, value: Any, end: Key, tube: int) -> Density:
+        if not isinstance(value, LoadTable):
+            return Density(function=value) if callable(value) else Density(rows=[ca.SX(value)])
+        places, rows, first = value.arc_length.tolist(), list(value.values), load.where("start") or 0.0
+        slopes = [(b - a) / float(h) for a, b, h in zip(rows, rows[1:], np.diff(value.arc_length), strict=False)]
+        knots: list[Key] = []
+        for m, s in enumerate(places):
+            if not self.clip and not first <= s <= self.nominal[end]:
+                knots.append(PASSED if s < first else AHEAD)
+            else:
+                knots.append(self.add(("knot", k, field, m), s, s, self.points[self.tube_end(tube)]))
+        return Density(knots, places, rows, slopes)
 
     def _fix_others(self) -> None:
         """Break points of the configuration by which loads given as functions are resolved stay where they are."""

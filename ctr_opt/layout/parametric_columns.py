@@ -17,12 +17,11 @@ from ..mechanics.law import transmission_compliance
 from ..mechanics.so3 import quaternion_of_angles, quaternion_product
 from .columns import EntryColumn, StepColumns, existing
 from .ordering import Order
-from .parametric import Parametric
-from .parametric_loads import Density
+from .parametric import Density, Parametric
 
 
 @attrs.frozen(eq=False)
-class Sample:
+class SampledLoad:
     """The values ``(3, places)`` of a load given as a function of numbers, at places that parameters may move."""
 
     places: Any
@@ -37,9 +36,9 @@ class ParametricColumns:
         self.parametric = parametric
         self.order = order
         self.kind = kind
-        self.samples: list[Sample] = []
+        self.samples: list[SampledLoad] = []
         self._scales = parametric.configuration.scales
-        numbers = {placed.push.field: placed.push.numbers for placed in parametric.loads.placed}
+        numbers = {placed.push.field: placed.push.numbers for placed in parametric.placed}
         self._numbers = ca.vertcat(ca.SX(0, 1), *(numbers[field] for field in kind.fields if field.parameters))
         self._pieces: dict[tuple[int, int], tuple[Any, list[Any]]] = {}
 
@@ -116,7 +115,7 @@ class ParametricColumns:
     def _distributed(self, section: int, nodes: Any) -> dict[str, Any]:
         """Loads per arc length at places in a section."""
         total = _Sums(self.parametric.tubes, nodes.shape[1], self.kind.fields)
-        for placed in self.parametric.loads.placed:
+        for placed in self.parametric.placed:
             weight = 0.0 if placed.end is None else self.order.within(placed.start, placed.end, section)
             if isinstance(weight, float) and weight == 0.0:
                 continue
@@ -127,7 +126,7 @@ class ParametricColumns:
     def _points(self, position: int, s: Any, *, active: bool) -> dict[str, Any]:
         """Point loads at a position."""
         total = _Sums(self.parametric.tubes, 1, self.kind.fields)
-        for placed in self.parametric.loads.placed if active else ():
+        for placed in self.parametric.placed if active else ():
             if placed.end is None:
                 weight = self.order.at(placed.start, position)
                 total.add(placed.push, weight, placed.push.force, placed.push.moment)
@@ -143,7 +142,7 @@ class ParametricColumns:
         """A load per arc length at places in a section, ``(3, places)``."""
         if density.function is not None:
             value = ca.SX.sym("load", 3, nodes.shape[1])
-            self.samples.append(Sample(nodes, value, density.function))
+            self.samples.append(SampledLoad(nodes, value, density.function))
             return value
         if not density.knots:
             return ca.repmat(density.rows[0], 1, nodes.shape[1])

@@ -177,7 +177,7 @@ class Sizes:
         return [self.states, self.unknowns, self.at("size", 1), *map(ctypes.sizeof, _STRUCTS)]
 
 
-class Table:
+class Structure:
     """A structure at an ``address``, whose pointers are those of the arrays among its ``values``."""
 
     def __init__(self, struct: Any, **values: Any) -> None:

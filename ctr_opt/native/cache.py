@@ -34,7 +34,7 @@ _OURS = re.compile(rf"\w+-[0-9a-f]{{{_KEY_LETTERS}}}\.(so|dll|record|lock|note)(
 
 
 @attrs.frozen
-class Entry:
+class Kept:
     """One library of the cache: where it is, what it is called (a word), and the key of what it is built from."""
 
     directory: Path

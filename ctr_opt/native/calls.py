@@ -20,12 +20,12 @@ from . import abi
 _POINT, _SPAN = abi.columns(abi.PointLoad), abi.columns(abi.SpanLoad)
 
 
-def robot_table(robot: Robot) -> abi.Table:
+def robot_table(robot: Robot) -> abi.Structure:
     """A robot as the compiled solver reads it."""
     shapes = [tube.shape for tube in robot.tubes]
     size = max(len(shape.coefficients) for shape in shapes)
     padded = [np.pad(c, ((0, size - len(c)), (0, 0), (0, 0))) for c in (shape.coefficients for shape in shapes)]
-    return abi.Table(
+    return abi.Structure(
         abi.Robot,
         stiffness=np.array([[getattr(tube, name) for name in Stiffness.names()] for tube in robot.tubes]),
         pieces=np.cumsum([0, *(shape.coefficients.shape[1] for shape in shapes)], dtype=np.intc),
@@ -48,7 +48,7 @@ class LoadRows:
 
     def _hold(self, point: NDArray[np.float64], span: NDArray[np.float64]) -> None:
         self._point, self._span = point, span
-        self._table = abi.Table(abi.Loads, points=len(point), spans=len(span), point=point, span=span)
+        self._table = abi.Structure(abi.Loads, points=len(point), spans=len(span), point=point, span=span)
         self.address = self._table.address
 
     def placed(self, points: list[int], s: NDArray[np.float64]) -> LoadRows:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import CompilationError as CompilationError
-from .cache import DIRECTORY, Entry, cache_directory
+from .cache import DIRECTORY, Kept, cache_directory
 from .compiler import FLAGS, TUNINGS, leaving, private_directory, required, switched_off
 from .compiler import Compiler as Compiler
 from .compiler import compiler as compiler
@@ -83,7 +83,7 @@ def load(name: str, source: Source | str) -> ctypes.CDLL:
         library = _loaded[key]
         if source.origin is not None:
             with suppress(OSError):
-                Entry(cache_directory(), name, source.origin).remember(digest)
+                Kept(cache_directory(), name, source.origin).remember(digest)
     return library
 
 
@@ -96,10 +96,10 @@ def kept(name: str, source: Source) -> ctypes.CDLL | None:
     if chosen is None or source.origin is None:
         return None
     try:
-        digest = Entry(cache_directory(), name, source.origin).recall()
+        digest = Kept(cache_directory(), name, source.origin).recall()
         key = None if digest is None else _key(digest, chosen)
         if key is not None and key not in _loaded:
-            library = Entry(cache_directory(), name, key).load()
+            library = Kept(cache_directory(), name, key).load()
             if library is not None:
                 _loaded[key] = library
     except OSError:
@@ -109,7 +109,7 @@ def kept(name: str, source: Source) -> ctypes.CDLL | None:
 
 def _load(name: str, key: str, text: str, chosen: Compiler) -> ctypes.CDLL:
     try:
-        entry = Entry(cache_directory(), name, key)
+        entry = Kept(cache_directory(), name, key)
         library = entry.load()
     except OSError as error:
         entry, library = None, None
@@ -117,7 +117,7 @@ def _load(name: str, key: str, text: str, chosen: Compiler) -> ctypes.CDLL:
     return library or _build(entry, text, chosen)
 
 
-def _build(entry: Entry | None, text: str, chosen: Compiler) -> ctypes.CDLL:
+def _build(entry: Kept | None, text: str, chosen: Compiler) -> ctypes.CDLL:
     """Compile in a private directory, into which no other process looks, and keep the result if possible."""
     built = None
     with private_directory() as directory:

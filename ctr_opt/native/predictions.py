@@ -148,7 +148,7 @@ class Predictions:
         directions = np.array([each.rows for each in asked], dtype=np.intc).reshape(len(asked), -1, 3)
         lists = {"directions": directions, "tables": np.ascontiguousarray(asked[0].tables), "probes": rows}
         counts = directions.shape[1], rows.shape[1]
-        self._asked = abi.Table(abi.Asked, **lists, count=counts[0], probe_count=counts[1])
+        self._asked = abi.Structure(abi.Asked, **lists, count=counts[0], probe_count=counts[1])
         sizes = {"unknowns": self.unknowns, "columns": self.unknowns + counts[0], "probes": counts[1]}
         sizes["tubes"] = len(self.robot.tubes)
         names = [one.name for one in self.observables]
@@ -213,7 +213,7 @@ class Predictions:
         values = {name: np.empty(shape) for name, shape in self._shapes.items()}
         failed = np.empty(count, dtype=np.intc)
         case = (self._table.address, self._addresses.ctypes.data, self._actuations.ctypes.data, z.ctypes.data, count)
-        asked, answer = (self.refinements, self._asked.address), abi.Table(abi.Answer, **values)
+        asked, answer = (self.refinements, self._asked.address), abi.Structure(abi.Answer, **values)
         if self._native.models(*case, *asked, answer.address, failed.ctypes.data):
             for numbers in values.values():
                 numbers[failed != 0] = np.nan

@@ -1,7 +1,7 @@
 """Every number of a robot, its actuation and its loads by name: parsed, described, read and replaced.
 
 Derivatives, estimates, reports and files ask for numbers by such names. What a name means, its unit, scale, bounds,
-symbol and labels are decided here; loads describe theirs themselves (:class:`Numbered`).
+symbol and labels are decided here; loads describe theirs themselves (:class:`NamedLoad`).
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ class Parameter:
         return initial - reach, initial + reach
 
 
-class Numbered(Protocol):
+class NamedLoad(Protocol):
     """A load, as far as names are concerned."""
 
     @property
@@ -154,10 +154,10 @@ class Numbered(Protocol):
         """The load with another number."""
 
 
-AnyLoad = TypeVar("AnyLoad", bound=Numbered)
+AnyLoad = TypeVar("AnyLoad", bound=NamedLoad)
 
 
-def parameters(robot: Robot, actuation: Actuation, loads: Sequence[Numbered] = ()) -> dict[str, Parameter]:
+def parameters(robot: Robot, actuation: Actuation, loads: Sequence[NamedLoad] = ()) -> dict[str, Parameter]:
     """Every parameter by its name, with its present value.
 
     ``rotations``, ``translations`` ``(tubes,)``; ``base.translation (3,)``, m, along the world's axes, and
