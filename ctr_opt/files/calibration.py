@@ -19,9 +19,9 @@ from ..estimation.measurements import COLUMNS
 from ..robot.robot import Robot
 from .described import read
 from .experiments import read_experiments
-from .problem import About, Problem, about, load_problem, load_robot
+from .problem import About, Problem, about, load_problem, opened
 from .schemas import CALIBRATION, PARAMETER
-from .text import at, keys_of, read_toml
+from .text import at, keys_of
 
 
 @attrs.frozen(eq=False)
@@ -124,9 +124,7 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
     >>> len(load_calibration("problems/rjw_s1/calibration.toml").experiments)
     80
     """
-    file = Path(path)
-    data = at(file, "", lambda: read(CALIBRATION, read_toml(file)))
-    robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
+    file, data, robot = opened(path, CALIBRATION, on_overlap)
     table, sigma = file.parent / data["experiments"], data.get("sigma", {})
     tubes = len(robot.tubes)
     told = {"sigma": sigma.get("position"), "direction_sigma": sigma.get("direction"), "sensor": data.get("sensor")}

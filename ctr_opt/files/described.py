@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from ..checks import Entry, Table
+from ..checks import Checked, Entry, Table
 from ..robot.robot import Robot
 from .columns import read_columns, read_csv
 from .text import at
@@ -19,14 +19,6 @@ _WORDS: dict[str, tuple[type, str]] = {
     "flag": (bool, "true or false"),
     "whole": (int, "a whole number"),
 }
-
-
-class Described(Protocol):
-    """A kind of values that files may describe."""
-
-    @classmethod
-    def tables(cls) -> Sequence[Table]:
-        """Its tables."""
 
 
 def read(spec: Any, value: Any, place: str = "") -> Any:
@@ -72,7 +64,7 @@ def _read_entry(entry: Entry, value: Any, shape: tuple[int | None, ...], place: 
         raise ValueError(f"{said} {error}") from None
 
 
-def make(file: Path, place: str, data: Any, kinds: Iterable[type[Described]], robot: Robot | None = None) -> Any:
+def make(file: Path, place: str, data: Any, kinds: Iterable[type[Checked]], robot: Robot | None = None) -> Any:
     """What a table of a file describes, whose ``kind`` is that of one of the ``kinds``; ``robot`` names its tubes."""
     tables = {table.kind: table for kind in kinds for table in kind.tables()}
     table, values = at(file, place, lambda: _values(tables, data))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import attrs
@@ -18,10 +17,10 @@ from ..loads import LOADS
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from .columns import read_columns
-from .described import make, read
-from .problem import About, about, load_robot
+from .described import make
+from .problem import About, about, opened
 from .schemas import FORCE
-from .text import at, read_toml
+from .text import at
 
 _MOST = 4.0  # standard errors that an estimate from synthetic data may be off the truth
 _DENSITY = {"s": "m", "f_x": "N/m", "f_y": "N/m", "f_z": "N/m"}
@@ -114,9 +113,7 @@ def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn"
     >>> load_force_problem("problems/force_tip/problem.toml").problem.unknown
     (TipForce(prior=None, bounds=None),)
     """
-    file = Path(path)
-    data = at(file, "", lambda: read(FORCE, read_toml(file)))
-    robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
+    file, data, robot = opened(path, FORCE, on_overlap)
     joints = data["actuation"]
     sigmas = {name: joints.pop(name, None) for name in ("rotation_sigma", "translation_sigma")}
     actuation = at(file, "actuation", lambda: Actuation(**joints))

@@ -17,10 +17,9 @@ from ..loads.point import PointWrench
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .columns import read_columns
-from .described import read
-from .problem import About, Problem, about, load_robot
+from .problem import About, Problem, about, opened
 from .schemas import PLAN
-from .text import at, keys_of, read_toml
+from .text import at, keys_of
 
 _AXES = ("x", "y", "z")
 
@@ -67,9 +66,7 @@ def load_plan(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Plan
     >>> bool(abs(plan.problems[0].solve().tip_position[2] - 0.10096021) < 1e-8)
     True
     """
-    file = Path(path)
-    data = at(file, "", lambda: read(PLAN, read_toml(file)))
-    robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
+    file, data, robot = opened(path, PLAN, on_overlap)
     forward = at(file, "solver", lambda: ForwardProblem(robot, **data.get("solver", {})))
     expected, tubes = data.get("expected", {}), range(len(robot.tubes))
     if expected:

@@ -162,12 +162,9 @@ def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> P
     >>> load_problem("problems/rjw_s1/fig9_loaded.toml").title
     'RJW-S1, Fig. 9, loaded'
     """
-    file = Path(path)
-    table = read_toml(file)
-    if "cases" in table:
-        raise DefinitionError(f"{file} is a plan of many cases: read it with load_plan")
-    data = at(file, "", lambda: read(PROBLEM, table))
-    robot = load_robot(file.parent / data["robot"], on_overlap=on_overlap)
+    if "cases" in keys_of(path):
+        raise DefinitionError(f"{Path(path)} is a plan of many cases: read it with load_plan")
+    file, data, robot = opened(path, PROBLEM, on_overlap)
     actuation = at(file, "actuation", lambda: Actuation(**data["actuation"]))
     loads = tuple(make(file, f"loads[{k}]", one, LOADS, robot) for k, one in enumerate(data.get("loads", [])))
     solver = data.get("solver", {})
@@ -175,6 +172,13 @@ def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> P
     at(file, "", lambda: forward.check(actuation, loads))
     expected = _expected(file, robot, data.get("expected", {}))
     return Problem(**about(file, data), robot=robot, actuation=actuation, loads=loads, solver=solver, expected=expected)
+
+
+def opened(path: str | os.PathLike[str], spec: Any, on_overlap: str) -> tuple[Path, dict[str, Any], Robot]:
+    """A file that names a robot: its path, what it says, checked, and the robot."""
+    file = Path(path)
+    data = at(file, "", lambda: read(spec, read_toml(file)))
+    return file, data, load_robot(file.parent / data["robot"], on_overlap=on_overlap)
 
 
 def about(file: Path, data: dict[str, Any]) -> dict[str, Any]:

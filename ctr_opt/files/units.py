@@ -61,20 +61,24 @@ def to_si(value: Any, unit: str) -> float:
     (0.00175, 2.0)
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise ValueError(f"must be {_KINDS[unit]}, or a number in {unit}")
+        raise ValueError(f"must be {_meaning(unit)}, or a number in {unit}")
     if not isinstance(value, str):
         return _finite(value, unit)
     if unit == "1":
         raise ValueError("must be a number")
     match = _NUMBER.fullmatch(value)
     if match is None:
-        raise ValueError(f"must be {_KINDS[unit]}, or a number in {unit}")
+        raise ValueError(f"must be {_meaning(unit)}, or a number in {unit}")
     number, text = float(match[1]), match[2]
     if text is None:
         return _finite(number, unit)
     if text.startswith(","):
         raise ValueError("has a comma where a number has a point")
     return _finite(number * _factor(text.strip(), unit), unit)
+
+
+def _meaning(unit: str) -> str:
+    return _KINDS.get(unit, f"a number with a unit of {unit}")
 
 
 def _finite(value: float, unit: str) -> float:
@@ -101,11 +105,11 @@ def _factor(text: str, unit: str) -> float:
         given = registry.parse_units(text)
         factor = float(registry.Quantity(1.0, given).to(unit).magnitude)
     except pint.DimensionalityError:
-        raise ValueError(f"must be {_KINDS[unit]}, but {text!r} is none of its units") from None
+        raise ValueError(f"must be {_meaning(unit)}, but {text!r} is none of its units") from None
     except Exception:
         raise ValueError(f"has no unit that is known: {text!r}{_nearest(text)}") from None
     if unit == "rad" and not set(_ANGLES) & {name.removeprefix("milli").removeprefix("micro") for name in given._units}:
-        raise ValueError(f"must be {_KINDS[unit]}, but {text!r} is none of its units")
+        raise ValueError(f"must be {_meaning(unit)}, but {text!r} is none of its units")
     return factor
 
 

@@ -36,12 +36,7 @@ class DistributedLoad(Wrench):
     """
 
     kind = "distributed"
-    entries = described(
-        force=DensityEntry("N/m", (3,)),
-        moment=DensityEntry("N m/m", (3,)),
-        **place.SPAN,
-        frame=FRAME,
-    )
+    entries = described(force=DensityEntry("N/m", (3,)), moment=DensityEntry("N m/m", (3,)), **place.SPAN, frame=FRAME)
     csv = 7, {"force": (0, slice(1, 4)), "moment": (0, slice(4, 7))}
     force: Density = attrs.field(default=np.zeros(3), converter=given, eq=DENSITY_EQ, hash=False)
     moment: Density = attrs.field(default=np.zeros(3), converter=given, eq=DENSITY_EQ, hash=False)

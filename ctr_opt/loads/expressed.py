@@ -65,12 +65,7 @@ CONTENT_EQ = attrs.cmp_using(eq=lambda a, b: a.serialize() == b.serialize())
 class Expressed(Load):
     """Where such a load acts."""
 
-    entries = described(
-        factor=Entry("1"),
-        **place.POINT,
-        start=place.ARC_LENGTH,
-        end=place.ARC_LENGTH,
-    )
+    entries = described(factor=Entry("1"), **place.POINT, start=place.ARC_LENGTH, end=place.ARC_LENGTH)
     arc_length: float | None = attrs.field(default=None, converter=given, kw_only=True)
     start: float | None = attrs.field(default=None, converter=given, kw_only=True)
     end: float | None = attrs.field(default=None, converter=given, kw_only=True)

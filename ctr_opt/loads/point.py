@@ -32,12 +32,7 @@ class PointWrench(Wrench):
     """
 
     kind = "point"
-    entries = described(
-        force=Entry("N", (3,)),
-        moment=Entry("N m", (3,)),
-        **place.POINT,
-        frame=FRAME,
-    )
+    entries = described(force=Entry("N", (3,)), moment=Entry("N m", (3,)), **place.POINT, frame=FRAME)
     force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=given, eq=ARRAY_EQ, hash=False)
     moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=given, eq=ARRAY_EQ, hash=False)
     arc_length: float | None = attrs.field(default=None, converter=given)

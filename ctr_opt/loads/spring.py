@@ -54,11 +54,7 @@ class Spring(Load):
     """
 
     kind = "spring"
-    entries = described(
-        stiffness=Entry("N/m", least=0.0),
-        anchor=Entry("m", (3,)),
-        **place.POINT,
-    )
+    entries = described(stiffness=Entry("N/m", least=0.0), anchor=Entry("m", (3,)), **place.POINT)
     amounts = ("stiffness",)
     stiffness: float = attrs.field(converter=given)
     anchor: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)

@@ -147,10 +147,7 @@ class SampledCurvature(Piece):
     """
 
     kind = "sampled"
-    entries = described(
-        arc_length=Entry("m", (None,)),
-        curvature=Entry("1/m", (None, 3)),
-    )
+    entries = described(arc_length=Entry("m", (None,)), curvature=Entry("1/m", (None, 3)))
     csv = 4, {"arc_length": 0, "curvature": slice(1, 4)}
     rows = "curvature"
     arc_length: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=given)
