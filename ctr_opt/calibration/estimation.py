@@ -92,10 +92,10 @@ class Estimation:
         self.robot, self.tolerance, self.compiled = robot, nominal.settings.tolerance, nominal.compiled
         self.experiments = _checked(robot, experiments)
         self.loss = choice(loss, "loss", LOSSES)
-        self.unknowns = Unknowns(robot, [(each.actuation, each.loads) for each in self.experiments], wanted)
-        for k, each in enumerate(self.experiments):
-            each.check_places(self._ends[k], f"experiment {each.name or k}: ")
-        scaled = {measurement.scaled for each in self.experiments for measurement in each.measurements}
+        self.unknowns = Unknowns(robot, [(one.actuation, one.loads) for one in self.experiments], wanted)
+        for k, experiment in enumerate(self.experiments):
+            experiment.check_places(self._ends[k], f"experiment {experiment.name or k}: ")
+        scaled = {measurement.scaled for one in self.experiments for measurement in one.measurements}
         if scaled == {True, False}:
             raise DefinitionError("sigma: give it for all measurements, or for none")
         self.scaled = scaled == {True}
@@ -105,6 +105,8 @@ class Estimation:
         if not self.scaled and known:
             raise DefinitionError(f"{known[0]}: a prior needs the sigma of every measurement, to be weighed with them")
         self.layouts = self._layouts()
+        groups = range(1 + max(layout.group for layout in self.layouts))
+        self.members = [[k for k, layout in enumerate(self.layouts) if layout.group == group] for group in groups]
         self.models: list[Group] = []
 
     @cached_property
@@ -146,15 +148,6 @@ class Estimation:
             layouts.append(Layout(group, names, np.flatnonzero(rows.any(axis=0)), observables, blocks))
         return layouts
 
-    def members(self, group: int) -> list[int]:
-        """The experiments of a group."""
-        return [k for k, layout in enumerate(self.layouts) if layout.group == group]
-
-    @property
-    def groups(self) -> int:
-        """How many groups of experiments there are."""
-        return 1 + max(layout.group for layout in self.layouts)
-
     # -- equilibria ------------------------------------------------------------------------------------------------
 
     def equilibria(
@@ -162,16 +155,16 @@ class Estimation:
     ) -> list[Equilibrium]:
         """The experiments' equilibria at some values, each from the one ``before`` or from nothing."""
         problem = ForwardProblem(self.unknowns.robot_at(x), tolerance=self.tolerance, compiled=self._forward)
-        found: list[Equilibrium] = []
-        for k, each in enumerate(self.experiments):
+        equilibria: list[Equilibrium] = []
+        for k, experiment in enumerate(self.experiments):
             start = None if before is None else before[k]
             try:
-                found.append(problem.solve(*self.unknowns.experiment_at(x, k), initial=start))
+                equilibria.append(problem.solve(*self.unknowns.experiment_at(x, k), initial=start))
             except SolveError as error:
-                raise SolveError(f"experiment {each.name or k}: {error}", error.result) from None
+                raise SolveError(f"experiment {experiment.name or k}: {error}", error.result) from None
             if progress is not None:
                 progress("equilibria", k + 1, len(self.experiments))
-        return found
+        return equilibria
 
     def equilibria_of(self, x: Array, whose: str, progress: Progress | None = None) -> list[Equilibrium]:
         """The same, each from nothing; where there is none, ``EstimationError`` says ``whose`` values these are."""
@@ -230,8 +223,7 @@ class Estimation:
         """Build the groups' models, with as many steps in each section as any of the equilibria needed."""
         if self.models:
             return
-        for group in range(self.groups):
-            members = self.members(group)
+        for members in self.members:
             layout, experiment = self.layouts[members[0]], self.experiments[members[0]]
             configuration = Configuration(self.robot, equilibria[members[0]].actuation, experiment.loads)
             sizes, sensors = self.unknowns.sizes(layout.names, members[0]), names_of(layout.observables)
@@ -260,11 +252,8 @@ class Estimation:
     @property
     def units(self) -> list[Array]:
         """Sizes of each experiment's base moments."""
-        found: list[Array] = [np.zeros(0)] * len(self.experiments)
-        for group in self.models:
-            for k in group.members:
-                found[k] = group.unit
-        return found
+        units = {k: group.unit for group in self.models for k in group.members}
+        return [units[k] for k in range(len(self.experiments))]
 
     # -- evaluation ------------------------------------------------------------------------------------------------
 

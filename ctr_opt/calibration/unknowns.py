@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import attrs
@@ -127,7 +128,11 @@ class Unknown:
 
 
 class Unknowns:
-    """All unknowns of an estimation, flat, and what robot, actuation and loads they stand for."""
+    """All unknowns of an estimation, flat, and what robot, actuation and loads they stand for.
+
+    Of all numbers: where they start, ``initial``, and their sizes, ``scale``; ``bounds``, least and most; ``prior``,
+    mean and standard deviation, infinite where there is none; ``labels``; ``units``, factor and unit in reports.
+    """
 
     def __init__(
         self,
@@ -137,56 +142,24 @@ class Unknowns:
     ) -> None:
         self.robot = robot
         self.experiments = list(experiments)
-        given = [each if isinstance(each, Parameter) else Parameter(each) for each in _listed(wanted)]
+        given = [one if isinstance(one, Parameter) else Parameter(one) for one in _listed(wanted)]
         if not given:
             raise DefinitionError("parameters = [] must name at least one parameter")
-        names = [each.name for each in given]
+        names = [one.name for one in given]
         for k, name in enumerate(names):
             if name in names[:k]:
                 raise DefinitionError(f"parameters has {name!r} twice")
         self.given = given
-        self.entries = [self._entry(each) for each in given]
+        self.entries = [self._entry(one) for one in given]
         self._check_doubled()
-        ends = np.cumsum([0, *(entry.size for entry in self.entries)])
-        self.parts = {
-            entry.name: slice(int(a), int(b)) for entry, a, b in zip(self.entries, ends[:-1], ends[1:], strict=True)
-        }
-        self.size = int(ends[-1])
-
-    # -- flat arrays -----------------------------------------------------------------------------------------------
-
-    def _flat(self, field: str) -> Array:
-        return np.concatenate([getattr(entry, field) for entry in self.entries])
-
-    @cached_property
-    def initial(self) -> Array:
-        """Where they start."""
-        return self._flat("initial")
-
-    @cached_property
-    def scale(self) -> Array:
-        """Their sizes."""
-        return self._flat("scale")
-
-    @cached_property
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and most."""
-        return self._flat("lower"), self._flat("upper")
-
-    @cached_property
-    def prior(self) -> tuple[Array, Array]:
-        """Mean and standard deviation, infinite where there is no prior."""
-        return self._flat("prior_mean"), self._flat("prior_sigma")
-
-    @cached_property
-    def labels(self) -> list[str]:
-        """A name for each number."""
-        return [label for entry in self.entries for label in entry.labels]
-
-    @cached_property
-    def units(self) -> list[tuple[float, str]]:
-        """The factor and the unit with which reports show each number."""
-        return [shown(entry.unit) for entry in self.entries for _ in entry.labels]
+        ends = np.cumsum([0, *(entry.size for entry in self.entries)]).tolist()
+        self.size = ends[-1]
+        self.parts = {entry.name: slice(*part) for entry, part in zip(self.entries, pairwise(ends), strict=True)}
+        self.labels = [label for entry in self.entries for label in entry.labels]
+        self.units = [shown(entry.unit) for entry in self.entries for _ in entry.labels]
+        fields = ("initial", "scale", "lower", "upper", "prior_mean", "prior_sigma")
+        flat = [np.concatenate([getattr(entry, field) for entry in self.entries]) for field in fields]
+        self.initial, self.scale, self.bounds, self.prior = flat[0], flat[1], (flat[2], flat[3]), (flat[4], flat[5])
 
     def values(self, x: Array) -> dict[str, Any]:
         """The numbers by name: floats and arrays."""

@@ -14,29 +14,27 @@ from ..robot.actuation import Actuation
 from .measurements import MEASUREMENTS, Measurement
 
 
-def _several(value: Any, field: str) -> tuple[Any, ...]:
+def several(value: Any, kinds: tuple[type, ...], field: str, must: str = "") -> tuple[Any, ...]:
+    """One of these kinds or a list of them; ``must``: what they must be, if not one of the kinds by name."""
     try:
-        return tuple(value)
+        given = (value,) if isinstance(value, kinds) else tuple(value)
     except TypeError:
         raise DefinitionError(f"{field} = {value!r} must be a list of them") from None
-
-
-def _loads(value: Any) -> tuple[Load, ...]:
-    given = (value,) if isinstance(value, Load) else _several(value, "loads")
-    for k, load in enumerate(given):
-        if not isinstance(load, Load):
-            raise DefinitionError(f"loads[{k}] = {load!r} must be a load")
+    for k, one in enumerate(given):
+        if not isinstance(one, kinds):
+            wanted = must or f"one of {', '.join(kind.__name__ for kind in kinds)}"
+            raise DefinitionError(f"{field}[{k}] = {one!r} must be {wanted}")
     return given
 
 
+def _loads(value: Any) -> tuple[Load, ...]:
+    return several(value, (Load,), "loads", "a load")
+
+
 def _measurements(value: Any) -> tuple[Measurement, ...]:
-    given = (value,) if isinstance(value, MEASUREMENTS) else _several(value, "measurements")
+    given = several(value, MEASUREMENTS, "measurements")
     if not given:
         raise DefinitionError("measurements = [] must hold at least one measurement")
-    for k, each in enumerate(given):
-        if not isinstance(each, MEASUREMENTS):
-            names = ", ".join(kind.__name__ for kind in MEASUREMENTS)
-            raise DefinitionError(f"measurements[{k}] = {each!r} must be one of {names}")
     return given
 
 
@@ -76,7 +74,7 @@ class Experiment:
     @property
     def observables(self) -> tuple[Observable, ...]:
         """Those of all measurements, in their order."""
-        return tuple(one for each in self.measurements for one in each.observables)
+        return tuple(one for measurement in self.measurements for one in measurement.observables)
 
     def framed(self, ends: Ends) -> tuple[Observable, ...]:
         """The same for a robot whose tubes end at ``ends``: see :meth:`Observable.framed`."""
@@ -105,4 +103,4 @@ class Experiment:
     @property
     def numbers(self) -> int:
         """How many numbers were measured."""
-        return sum(each.shape[0] * each.shape[1] for each in self.measurements)
+        return sum(blocks * size for blocks, size in (one.shape for one in self.measurements))

@@ -12,7 +12,7 @@ import numpy as np
 from ..calibration.fit import Fit
 from ..checks import Array, array, choice, index
 from ..errors import DefinitionError, EstimationError, SolveError
-from ..estimation.experiment import Experiment
+from ..estimation.experiment import Experiment, several
 from ..estimation.losses import LOSSES
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
@@ -204,14 +204,11 @@ def _deviations(value: Any, field: str, tubes: int) -> Array | None:
 
 
 def _unknown(given: Any, tubes: int, prior: Any) -> tuple[UnknownLoad, ...]:
-    every = (given,) if isinstance(given, UNKNOWN_LOADS) else tuple(given or ())
+    every = several(() if given is None else given, UNKNOWN_LOADS, "unknown")
     if not every:
         raise DefinitionError("unknown = [] must name at least one load")
-    for k, each in enumerate(every):
-        if not isinstance(each, UNKNOWN_LOADS):
-            names = ", ".join(kind.__name__ for kind in UNKNOWN_LOADS)
-            raise DefinitionError(f"unknown[{k}] = {each!r} must be one of {names}")
-        index(each.tube, f"unknown[{k}].tube", tubes)
+    for k, one in enumerate(every):
+        index(one.tube, f"unknown[{k}].tube", tubes)
     if sum(len(each.choices(alone=False)) > 1 for each in every) > 1:
         raise DefinitionError("unknown: Contacts can stand there once; more forces at unknown places are PointForce()")
     if sum(each.cone is not None for each in every) > 1:

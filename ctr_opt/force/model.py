@@ -7,10 +7,9 @@ places of points are written into what the model reads.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from functools import partial
 
 import attrs
-import numpy as np
 
 from ..checks import Array
 from ..errors import EstimationError
@@ -34,16 +33,31 @@ class Told:
     predictions: ObservedList
 
 
-class LoadedModel(Protocol):
-    """What both kinds of model can tell."""
+@attrs.frozen(eq=False)
+class LoadedModel:
+    """Numbers that stand in what a model reads, and its evaluation at base moments ``(1, n)`` with these."""
 
+    compiled: bool
     unknowns: int
+    joints: list[Array]
+    loads: list[Array]
+    places: list[Array]
+    evaluate: Callable[[Array], tuple[Array, ObservedList, Array]]
 
     def actuated(self, actuation: Actuation) -> None:
         """From now on at another actuation."""
+        self.joints[0][:], self.joints[1][:] = actuation.rotations, actuation.translations
 
     def at(self, z: Array, values: Array, s: Array) -> Told:
         """At base moments, numbers of loads one behind the other, and arc lengths of points that are somewhere."""
+        start = 0
+        for numbers in self.loads:
+            numbers[:] = values[start : start + len(numbers)]
+            start += len(numbers)
+        for place, where in zip(self.places, s, strict=True):
+            place[0] = where
+        residual, predictions, slopes = self.evaluate(z[None])
+        return Told(residual[0], slopes[0], predictions)
 
 
 def loaded_model(
@@ -60,72 +74,24 @@ def loaded_model(
 
     ``steps``: in each section, where it is not compiled.
     """
-    every = [*names, *others]
+    every, joints = [*names, *others], ("rotations", "translations")
     if compilable(robot, loads, observables, every, compiled):
-        return _Compiled(robot, actuation, loads, names, others, observables)
-    return _Symbolic(robot, actuation, loads, names, others, observables, steps())
-
-
-class _Compiled:
-    def __init__(
-        self,
-        robot: Robot,
-        actuation: Actuation,
-        loads: Sequence[Load],
-        names: Sequence[str],
-        others: Sequence[str],
-        observables: Sequence[Observable],
-    ) -> None:
-        self._model = Predictions(robot, [*names, *others], [(actuation, loads)], observables)
+        model = Predictions(robot, every, [(actuation, loads)], observables)
         somewhere = [k for k, one in enumerate(observables) if isinstance(one.place, Somewhere)]
-        self._places = [self._model.numbers(f"observables[{k}].arc_length") for k in somewhere]
-        self._loads = [self._model.numbers(name) for name in names]
-        self._joints = [self._model.numbers(name) for name in ("rotations", "translations")]
-        self.unknowns = self._model.unknowns
-
-    def actuated(self, actuation: Actuation) -> None:
-        self._joints[0][:], self._joints[1][:] = actuation.rotations, actuation.translations
-
-    def at(self, z: Array, values: Array, s: Array) -> Told:
-        start = 0
-        for own in self._loads:
-            own[:] = values[start : start + len(own)]
-            start += len(own)
-        for place, where in zip(self._places, s, strict=True):
-            place[0] = where
-        told = self._model.at(z[None])
-        if told.failed[0]:
-            raise EstimationError("compiled code refused these loads: its steps cannot be laid out")
-        return Told(told.residual[0], told.slopes[0], told.observed)
+        places = [model.numbers(f"observables[{k}].arc_length") for k in somewhere]
+        of_joints, of_loads = ([model.numbers(name) for name in those] for those in (joints, names))
+        return LoadedModel(True, model.unknowns, of_joints, of_loads, places, partial(_compiled, model))
+    symbolic = SymbolicModel(Configuration(robot, actuation, loads), observables, every, steps())
+    known = {name: one.value for name, one in parameters(robot, actuation, loads).items()}
+    theta, parts = symbolic.numbers(known, actuation, loads, observables), symbolic.problem.parts
+    of_joints, of_loads = ([theta[parts[name]] for name in those] for those in (joints, names))
+    places = [theta[k : k + 1] for k in symbolic.somewhere]
+    evaluate = partial(symbolic.evaluate, theta=theta[None])
+    return LoadedModel(False, symbolic.unknowns, of_joints, of_loads, places, evaluate)
 
 
-class _Symbolic:
-    def __init__(
-        self,
-        robot: Robot,
-        actuation: Actuation,
-        loads: Sequence[Load],
-        names: Sequence[str],
-        others: Sequence[str],
-        observables: Sequence[Observable],
-        steps: int,
-    ) -> None:
-        configuration = Configuration(robot, actuation, loads)
-        self._model = SymbolicModel(configuration, observables, [*names, *others], steps)
-        known = {name: each.value for name, each in parameters(robot, actuation, loads).items()}
-        self._theta = self._model.numbers(known, actuation, loads, observables)
-        count = sum(known[name].size for name in names)
-        self._moving = np.array(self._model.active[:count], dtype=np.intp)
-        self._places = np.array(self._model.somewhere, dtype=np.intp)
-        parts = self._model.problem.parts
-        self._joints = parts["rotations"], parts["translations"]
-        self.unknowns = self._model.unknowns
-
-    def actuated(self, actuation: Actuation) -> None:
-        self._theta[self._joints[0]], self._theta[self._joints[1]] = actuation.rotations, actuation.translations
-
-    def at(self, z: Array, values: Array, s: Array) -> Told:
-        self._theta[self._moving] = values
-        self._theta[self._places] = s
-        residual, found, slopes = self._model.evaluate(z[None], self._theta[None])
-        return Told(residual[0], slopes[0], found)
+def _compiled(model: Predictions, z: Array) -> tuple[Array, ObservedList, Array]:
+    predicted = model.at(z)
+    if predicted.failed[0]:
+        raise EstimationError("compiled code refused these loads: its steps cannot be laid out")
+    return predicted.residual, predicted.observed, predicted.slopes

@@ -297,6 +297,12 @@ class Normal:
             )
         return cls(matrix, gradient, sought.whole_scale, *sought.whole_bounds, at_places, orders)
 
+    def reduced(self, count: int) -> tuple[Array, Array]:
+        """Matrix and gradient of the first numbers, the others following at their best."""
+        gain = np.linalg.solve(self.matrix[count:, count:], self.matrix[count:, :count]).T
+        matrix = self.matrix[:count, :count] - gain @ self.matrix[count:, :count]
+        return matrix, self.gradient[:count] - gain @ self.gradient[count:]
+
     def step(self, state: State, damping: float, hold: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
         """Towards the least, within bounds; not along directions of which nothing is known, or that are to hold."""
         at = np.concatenate((state.x, state.e))

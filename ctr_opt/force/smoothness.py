@@ -12,7 +12,6 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from ..checks import Array
 from .case import Case
 from .search import Normal, State
 
@@ -56,7 +55,8 @@ def likeliest(case: Case, state: State) -> float:
     from scipy.linalg import eigh
     from scipy.optimize import minimize_scalar
 
-    information, pull = _linearized(case, state)
+    information, gradient = Normal.of(case.search, state).reduced(len(state.x))
+    pull = information @ state.x - gradient  # the loss is x' D x / 2 - pull' x + const, without their roughness
     scale = case.search.sought.scale
     information, rough = (each * np.outer(scale, scale) for each in (information, np.asarray(case.roughness)))
     unit = float(np.trace(information) / np.trace(rough))
@@ -85,14 +85,3 @@ def _least(unlikely: Callable[[float], float], best: float, lowest: float) -> fl
     if beyond is None:
         return lowest
     return float(brentq(lambda step: unlikely(step) - allowed, beyond, min(beyond + 0.5 * np.log(10.0), best)))
-
-
-def _linearized(case: Case, state: State) -> tuple[Array, Array]:
-    """Information ``D`` on the loads, without their roughness, and ``b``: the loss is ``x' D x / 2 - b' x + const``."""
-    k, normal = len(state.x), Normal.of(case.search, state)
-    matrix, gradient = normal.matrix[:k, :k], normal.gradient[:k]
-    if len(normal.gradient) > k:
-        follow = np.linalg.solve(normal.matrix[k:, k:], np.column_stack((normal.matrix[k:, :k], normal.gradient[k:])))
-        matrix = matrix - normal.matrix[:k, k:] @ follow[:, :k]
-        gradient = gradient - normal.matrix[:k, k:] @ follow[:, k]
-    return matrix, matrix @ state.x - gradient

@@ -161,11 +161,7 @@ class Solution(Estimated):
     @cached_property
     def _scaled(self) -> tuple[Array, Array]:
         """Information on the loads and the loss's gradient, in their scales; errors of other numbers taken out."""
-        k, scale = len(self.estimates), self.case.search.sought.scale
-        matrix, gradient = self._normal.matrix, self._normal.gradient
-        if len(matrix) > k:
-            gain = np.linalg.solve(matrix[k:, k:], matrix[k:, :k]).T
-            matrix, gradient = matrix[:k, :k] - gain @ matrix[k:, :k], gradient[:k] - gain @ gradient[k:]
+        scale, (matrix, gradient) = self.case.search.sought.scale, self._normal.reduced(len(self.estimates))
         return 0.5 * (matrix + matrix.T) * np.outer(scale, scale), gradient * scale
 
     @cached_property
@@ -264,9 +260,8 @@ class Solution(Estimated):
             edges = np.flatnonzero(np.diff(errors > OPEN, prepend=False, append=False)).reshape(-1, 2)
             if len(edges):
                 where = " and ".join(f"{1e3 * s[first]:.0f} to {1e3 * s[last - 1]:.0f} mm" for first, last in edges)
-                size = (
-                    f"sd up to {errors.max() * unit:.2g} N/m" if errors.max() < BLIND else "nothing is known in places"
-                )
+                most = errors.max()
+                size = f"sd up to {most * unit:.2g} N/m" if most < BLIND else "nothing is known in places"
                 stretches.append(f"force per length along {axis}, {where}: undetermined, {size}")
         return stretches
 

@@ -35,7 +35,7 @@ def told_by_both(robot, actuation, loads, wanted, measured, z):
     found = []
     for compiled in (True, False):
         model = loaded_model(robot, actuation, loads, *wanted, observables, compiled, lambda: 12)
-        assert type(model).__name__ == ("_Compiled" if compiled else "_Symbolic")
+        assert model.compiled == compiled
         told = model.at(z, values, np.zeros(0)).predictions
         found.append([np.array([getattr(each, part)[0] for each in told]) for part in ("value", "slopes")])
     return [np.array(both) for both in zip(*found, strict=True)]
