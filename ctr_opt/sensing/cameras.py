@@ -10,14 +10,16 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..checks import ARRAY_EQ, Array, array, rigid
+from ..checks import ARRAY_EQ, Array, Entry, array, rigid
 from ..errors import DefinitionError, MissingExtraError
+from ..files.described import read
 from ..files.text import at, read_toml
 from .noise import points_of
 
 _NEWTON_STEPS = 20  # of the undistortion
 _PIXEL = 1e-7  # px: an undistorted pixel is distorted back to better than this
-_KEYS = ("intrinsics", "distortion", "pose", "rotation", "translation", "resolution")
+_OPTIONAL = ("distortion?", "pose?", "rotation?", "translation?", "resolution?")
+_TABLE = dict.fromkeys(("intrinsics", *_OPTIONAL), Entry("any"))  # of a file
 
 
 def _intrinsics(value: Any) -> Array:
@@ -242,18 +244,11 @@ def load_cameras(file: str | Path) -> tuple[Camera, ...]:
         A file that cannot be read, an unknown key, or what :class:`Camera` refuses, with the table's number.
     """
     path = Path(file)
-    tables = read_toml(path).get("cameras")
-    if not isinstance(tables, list) or not tables:
-        raise DefinitionError(f"{path} must hold a table [[cameras]] for each camera")
+    tables = at(path, "", lambda: read([_TABLE], read_toml(path).get("cameras"), "cameras"))
     return tuple(at(path, f"cameras[{k}]", partial(_camera, table)) for k, table in enumerate(tables))
 
 
-def _camera(table: Any) -> Camera:
-    if not isinstance(table, dict) or "intrinsics" not in table:
-        raise DefinitionError("intrinsics is missing")
-    for key in table:
-        if key not in _KEYS:
-            raise DefinitionError(f"{key} is unknown, must be one of {', '.join(_KEYS)}")
+def _camera(table: dict[str, Any]) -> Camera:
     if "pose" not in table:
         return Camera.from_opencv(**table)
     if "rotation" in table or "translation" in table:

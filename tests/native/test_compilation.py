@@ -351,12 +351,12 @@ def test_a_full_disk(calls, caplog, monkeypatch):
 
 def test_a_lock_that_never_opens(cache, caplog, monkeypatch):
     monkeypatch.setattr(library_cache, "_PATIENCE", 0.1)
-    monkeypatch.setattr(compilation, "Entry", Locked)
+    monkeypatch.setattr(compilation, "Kept", Locked)
     assert load("answer", answer(42)).answer() == 42
     assert "lock" in caplog.text
 
 
-class Locked(library_cache.Entry):
+class Locked(library_cache.Kept):
     """An entry that another holds."""
 
     def lock(self):
