@@ -39,11 +39,10 @@ class BaseMoments:
     @classmethod
     def of(cls, unknowns: Array, scales: Scales, tubes: int) -> BaseMoments:
         """From dimensionless unknowns, with or without a force."""
-        moments = unknowns[: 2 + tubes] * scales.moment
-        force = unknowns[2 + tubes :] * scales.force if len(unknowns) > 2 + tubes else np.zeros(3)
-        for values in (moments, force):
-            values.setflags(write=False)
-        return cls(moments[:2], moments[2:], force)
+        values = np.zeros(5 + tubes)
+        values[: len(unknowns)] = unknowns * scales.unknowns(tubes, len(unknowns) > 2 + tubes)
+        values.setflags(write=False)
+        return cls(values[:2], values[2:-3], values[-3:])
 
     @classmethod
     def checked(cls, bending: Any, torsional: Any, tubes: int) -> BaseMoments:

@@ -6,12 +6,10 @@ collocation, at the points inside the steps. Equations: the entry, every step, a
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
 from ..checks import Array
-from ..mechanics import boundary, rod
+from ..mechanics import boundary
 from ..mechanics.kind import Kind, shared_by_kind
 from ..mechanics.state import State, state_names
 from .nlp import Nlp
@@ -53,12 +51,8 @@ class EquilibriumProgram(TranscribedProgram):
         size, degree = State.size(self.tubes), len(points.nodes)
         x, inner = ca.SX.sym("x", size), ca.SX.sym("inner", size, degree)
         column = ca.SX.sym("column", self.columns.size)
-
-        def rates(j: int) -> Any:
-            state = State.split(inner[:, j], self.tubes)
-            return rod.rates(state, self.columns.local(column, j, state)).joined()
-
-        slopes = column[0] * ca.horzcat(*(rates(j) for j in range(degree)))
+        rates = [self.shooting.rates(inner[:, j], self.columns.node(column, j)) for j in range(degree)]
+        slopes = column[0] * ca.horzcat(*rates)
         defects, before = points.collocated(x, inner, slopes)
         state = State.split(before, self.tubes)
         after = boundary.jump(state, *self.columns.point_load(column, state)).joined()

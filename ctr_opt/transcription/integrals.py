@@ -12,11 +12,10 @@ from typing import Any
 import casadi as ca
 
 from ..layout.columns import StepColumns
-from ..mechanics import rod
 from ..mechanics.kind import Kind, shared_by_kind
 from ..mechanics.so3 import rotation_matrix
 from ..mechanics.state import State
-from .integrators import runge_kutta
+from .shooting import shooting_functions
 
 
 class IntegralFunctions:
@@ -28,34 +27,28 @@ class IntegralFunctions:
     """
 
     def __init__(self, tubes: int, integrator: str, kind: Kind) -> None:
-        method = runge_kutta(integrator)
-        columns = StepColumns(tubes, len(method.nodes), kind)
-        size = State.size(tubes)
+        functions = shooting_functions(tubes, integrator, kind)
+        columns, nodes = functions.columns, functions.columns.nodes
+        size, position = State.size(tubes), State.parts(tubes)["position"]
         x, column = ca.SX.sym("x", size), ca.SX.sym("column", columns.size)
-        slopes = ca.SX.sym("slopes", 3 * tubes * len(method.nodes))
+        slopes = ca.SX.sym("slopes", 3, tubes * nodes)
 
         def derivative(inner: Any, j: int) -> Any:
-            state = State.split(inner[:size], tubes)
-            local = columns.local(column, j, state)
-            bent, twisted = rod.curvature(state, local)
-            moments = rod.tube_moments(state.angles, bent, twisted, local)
-            own = [slopes[3 * (tubes * j + i) : 3 * (tubes * j + i) + 3] for i in range(tubes)]
-            forces = [ca.dot(moment, slope) for moment, slope in zip(moments, own, strict=True)]
-            elastic = rod.elastic_density(state.angles, bent, twisted, local)
-            return ca.vertcat(
-                rod.rates(state, local).joined(), elastic, columns.load_energy(column, j, state.position), *forces
-            )
+            here = columns.node(column, j)
+            _, _, moments, elastic = functions.local(inner[:size], here)
+            forces = ca.sum1(moments.reshape((3, tubes)) * slopes[:, tubes * j : tubes * (j + 1)])
+            potential = columns.load_energy(column, j, inner[position])
+            return ca.vertcat(functions.rates(inner[:size], here), elastic, potential, forces.T)
 
-        end = method.step(derivative, ca.vertcat(x, ca.SX.zeros(2 + tubes)), column[0])
-        potential = end[size + 1] + columns.point_energy(column, end[State.parts(tubes)["position"]])
-        self.step = ca.Function("integrals", [x, column, slopes], [end[size], potential, end[size + 2 :]])
+        end = functions.integrator.step(derivative, ca.vertcat(x, ca.SX.zeros(2 + tubes)), column[0])
+        potential = end[size + 1] + columns.point_energy(column, end[position])
+        self.step = ca.Function("integrals", [x, column, ca.vec(slopes)], [end[size], potential, end[size + 2 :]])
         single = StepColumns(tubes, 1, kind)
         here, state = ca.SX.sym("column", single.size), State.split(x, tubes)
-        local = single.local(here, 0, state)
-        bent, twisted = rod.curvature(state, local)
+        bent, twisted, _, elastic = functions.local(x, here)
         work = ca.dot(state.bending, bent) + ca.dot(state.torsion, twisted)
         work += ca.dot(state.force, rotation_matrix(state.orientation)[:, 2])
-        stored = rod.elastic_density(state.angles, bent, twisted, local) + single.load_energy(here, 0, state.position)
+        stored = elastic + single.load_energy(here, 0, state.position)
         self.hamiltonian = ca.Function("hamiltonian", [x, here], [work - stored])
 
 
