@@ -121,7 +121,8 @@ class ForwardProblem:
             Any number of loads.
         initial
             An equilibrium (or a :meth:`guess`) of a robot with as many tubes, at any actuation and loads: solved from
-            there by Newton's method and, failing that, by continuation of actuation and loads from there.
+            there by Newton's method and, failing that or where tubes turn by more than half a turn in each other, by
+            continuation of actuation and loads from there.
         throw
             Raise ``SolveError`` where no equilibrium is found; otherwise return the failed result.
 
