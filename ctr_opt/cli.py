@@ -162,8 +162,8 @@ def calibrate(calibration: Path, report: Path | None, method: str) -> None:
     from .files.calibration_page import LOSS_NAMES, hold_out_table, write_report
 
     given = load_calibration(calibration)
-    told = f", {len(given.held)} others held out" if given.held else ""
-    click.echo(f"{given.title}: {len(given.experiments)} experiments{told}")
+    held_out = f", {len(given.held)} others held out" if given.held else ""
+    click.echo(f"{given.title}: {len(given.experiments)} experiments{held_out}")
     fits, held = {}, {}
     for loss in given.losses:
         with _Progress(LOSS_NAMES[loss]) as progress:

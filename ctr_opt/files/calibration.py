@@ -21,7 +21,7 @@ from .described import read
 from .experiments import read_experiments
 from .problem import About, Problem, about, load_problem, opened
 from .schemas import CALIBRATION, PARAMETER
-from .text import at, keys_of
+from .text import at
 
 
 @attrs.frozen(eq=False)
@@ -94,11 +94,6 @@ class Calibration(About):
         return CalibrationProblem(self.robot, self.experiments, self.parameters, loss=loss)
 
 
-def is_calibration(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a calibration: TOML with ``experiments``."""
-    return "experiments" in keys_of(path)
-
-
 def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", measured: bool = True) -> Calibration:
     """Read a calibration file and its table of experiments.
 
@@ -127,9 +122,9 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
     file, data, robot = opened(path, CALIBRATION, on_overlap)
     table, sigma = file.parent / data["experiments"], data.get("sigma", {})
     tubes = len(robot.tubes)
-    told = {"sigma": sigma.get("position"), "direction_sigma": sigma.get("direction"), "sensor": data.get("sensor")}
-    told["sigmas"] = {name: sigma[name] for name in COLUMNS if name in sigma}
-    rows = read_experiments(table, tubes, **told) if measured else []
+    noise = {"sigma": sigma.get("position"), "direction_sigma": sigma.get("direction"), "sensor": data.get("sensor")}
+    noise["sigmas"] = {name: sigma[name] for name in COLUMNS if name in sigma}
+    rows = read_experiments(table, tubes, **noise) if measured else []
     hold_out = at(file, "", lambda: HoldOut(**data["hold_out"]) if "hold_out" in data else None)
     held = at(file, "", lambda: hold_out.of(len(rows)) if hold_out and rows else [])
     losses = tuple(data.get("losses", ["squared"]))
@@ -139,11 +134,11 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
         Check(load_problem(file.parent / one["problem"]), np.array(one["tip_position"]))
         for one in data.get("checks", [])
     )
-    found = Calibration(
+    calibration = Calibration(
         **about(file, data),
         robot=robot,
         table=table,
-        experiments=tuple(each for k, each in enumerate(rows) if k not in held),
+        experiments=tuple(row for k, row in enumerate(rows) if k not in held),
         parameters=tuple(_parameter(file, k, given) for k, given in enumerate(data["parameters"])),
         losses=losses,
         sigma=sigma,
@@ -154,8 +149,8 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
         truth=data.get("truth", {}),
     )
     if measured:
-        at(file, "", lambda: found.problem(found.losses[0]))
-    return found
+        at(file, "", lambda: calibration.problem(losses[0]))
+    return calibration
 
 
 def _parameter(file: Path, k: int, given: Any) -> str | Parameter:

@@ -59,20 +59,20 @@ def columns_of(
 
     ``unit_of``: the SI unit of a column by its name, None for a name that is none; ``allowed``: the columns, in words.
     """
-    found: dict[str, tuple[int, float]] = {}
+    places: dict[str, tuple[int, float]] = {}
     for k, text in enumerate(header):
         match = _COLUMN.fullmatch(text)
         name = match[1] if match else text.strip()
         unit = unit_of(name) if match else None
-        if unit is None or name in found:
-            what = "is given twice" if name in found else "is no column here"
+        if unit is None or name in places:
+            what = "is given twice" if name in places else "is no column here"
             raise DefinitionError(f"{file}: column {text.strip()!r} {what}; the columns are {allowed}")
         try:
             factor = to_si(f"1 {match[2]}", unit) if match and match[2] else 1.0
         except ValueError as error:
             raise DefinitionError(f"{file}: column {text.strip()!r} {error}") from None
-        found[name] = k, factor
-    return found
+        places[name] = k, factor
+    return places
 
 
 def value_of(file: Path, line: int, name: str, text: str, factor: float, wanted: str = _NUMBER) -> float:
@@ -101,13 +101,13 @@ def read_columns(file: Path, needed: Mapping[str, str], others: Mapping[str, str
     for name in needed:
         if name not in columns:
             raise DefinitionError(f"{file}: column {name!r} is missing")
-    found = {name: np.empty(len(rows)) for name in columns}
+    numbers = {name: np.empty(len(rows)) for name in columns}
     for k, (line, row) in enumerate(rows):
         for name, (place, factor) in columns.items():
-            found[name][k] = value_of(file, line, name, row[place], factor, "a finite number")
-            if np.isnan(found[name][k]):
+            numbers[name][k] = value_of(file, line, name, row[place], factor, "a finite number")
+            if np.isnan(numbers[name][k]):
                 raise DefinitionError(f"{file}: line {line}, column {name!r} is empty")
-    return found | {"line": np.array([line for line, _ in rows], dtype=np.float64)}
+    return numbers | {"line": np.array([line for line, _ in rows], dtype=np.float64)}
 
 
 def said_lines(file: Path) -> list[tuple[int, str]]:

@@ -52,20 +52,20 @@ class ForceProblem(About):
 
     def verdicts(self, estimate: ForceEstimate) -> dict[str, bool]:
         """What the file says of the answer, in words, and whether it is so."""
-        found = dict(self._by_truth(estimate))
+        verdicts = dict(self._by_truth(estimate))
         if "standard_errors" in self.expected:
             ratios = estimate.deviations / np.array(self.expected["standard_errors"])
             share = self.expected.get("share", 0.2)
-            told = f"standard errors {ratios.min():.2f} to {ratios.max():.2f} times those expected"
-            found[told] = bool((np.abs(ratios - 1.0) <= share).all())
+            statement = f"standard errors {ratios.min():.2f} to {ratios.max():.2f} times those expected"
+            verdicts[statement] = bool((np.abs(ratios - 1.0) <= share).all())
         if "consistent" in self.expected:
-            found["consistent" if estimate.consistent else "not consistent"] = (
+            verdicts["consistent" if estimate.consistent else "not consistent"] = (
                 estimate.consistent is self.expected["consistent"]
             )
         if "undetermined" in self.expected:
-            words = [each.split(":")[0] for each in estimate.undetermined]
-            found[f"undetermined: {', '.join(words) or 'nothing'}"] = words == self.expected["undetermined"]
-        return found
+            words = [direction.split(":")[0] for direction in estimate.undetermined]
+            verdicts[f"undetermined: {', '.join(words) or 'nothing'}"] = words == self.expected["undetermined"]
+        return verdicts
 
     def _by_truth(self, estimate: ForceEstimate) -> Iterator[tuple[str, bool]]:
         """What synthetic data were made with, beside what was found."""
@@ -76,20 +76,22 @@ class ForceProblem(About):
             off = np.atleast_2d(estimate.force)[0] - self.truth["force"]
             covariance = np.reshape(estimate.force_covariance, (-1, 3, 3))[0]
             size = float(np.sqrt(off @ np.linalg.pinv(covariance, hermitian=True) @ off))
-            told = f"force {np.linalg.norm(off):.2g} N off the truth, {size:.1f} standard errors ({_MOST:g} allowed)"
-            yield told, size <= _MOST
+            statement = (
+                f"force {np.linalg.norm(off):.2g} N off the truth, {size:.1f} standard errors ({_MOST:g} allowed)"
+            )
+            yield statement, size <= _MOST
         if "arc_length" in self.truth:
             (place, *_), (error, *_) = np.atleast_1d(estimate.arc_length), np.atleast_1d(estimate.arc_length_error)
             off = abs(place - self.truth["arc_length"])
-            told = f"place {1e3 * off:.2g} mm off the truth, {off / error:.1f} standard errors ({_MOST:g} allowed)"
-            yield told, off <= _MOST * error
+            statement = f"place {1e3 * off:.2g} mm off the truth, {off / error:.1f} standard errors ({_MOST:g} allowed)"
+            yield statement, off <= _MOST * error
         if "density" in self.truth:
             columns = read_columns(self.path.parent / self.truth["density"], _DENSITY)
             density, errors = estimate.density(columns["s"])
             off = np.abs(density - np.column_stack([columns[f"f_{axis}"] for axis in "xyz"])) / errors
             share = float((off < _WITHIN).mean())
-            told = f"density: {share:.0%} within {_WITHIN:g} standard errors of the truth ({_SHARE:.0%} at least)"
-            yield told, share >= _SHARE
+            statement = f"density: {share:.0%} within {_WITHIN:g} standard errors of the truth ({_SHARE:.0%} at least)"
+            yield statement, share >= _SHARE
 
 
 def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> ForceProblem:

@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from ..checks import Array
+from ..estimation.chi_square import quantile
 from .case import Case
 from .search import State
 
@@ -54,9 +55,7 @@ class Profile:
 
         That is chi-square's quantile with one degree of freedom, as the loss is half the sum of squares.
         """
-        from scipy.stats import chi2
-
-        at, least, reach = self.part.stop - 1, self.least().cost, float(np.sqrt(chi2.ppf(level, 1)))
+        at, least, reach = self.part.stop - 1, self.least().cost, float(np.sqrt(quantile(level, 1)))
 
         def beyond(state: State | None) -> float:
             return float(np.sqrt(2.0 * (_FAR if state is None else max(state.cost - least, 0.0)))) - reach

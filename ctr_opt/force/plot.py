@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..checks import Array
+from ..estimation.chi_square import quantile
 from ..estimation.measurements import BackboneMeasurement, PositionMeasurement
 from ..forward.plot import draw_backbone
 from .solution import Solution, principal
@@ -52,9 +53,7 @@ def figure_force(estimate: Solution) -> Figure:
 
 def _factor(dimensions: int) -> float:
     """Standard deviations from the mean to the edge of a band or an ellipse."""
-    from scipy.stats import chi2
-
-    return float(np.sqrt(chi2.ppf(_INSIDE, dimensions)))
+    return float(np.sqrt(quantile(_INSIDE, dimensions)))
 
 
 def _draw_shape(estimate: Solution, ax: Any, plane: tuple[int, int]) -> None:

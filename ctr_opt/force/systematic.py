@@ -6,11 +6,13 @@ The loads explain a systematic error of the shape as far as they can; what is le
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import attrs
 import numpy as np
 
 from ..checks import Array, number
+from ..estimation.chi_square import quantile
 from ..estimation.places import across, free
 from ..mechanics.law import Stiffness
 from ..robot.names import parameters
@@ -86,25 +88,27 @@ class Systematic(Imperfection):
         """The length of :attr:`force`, N."""
         return float(np.linalg.norm(self.force))
 
+    @property
+    def _threshold(self) -> Any:
+        """What consistent residuals' squares stay below."""
+        return quantile(1.0 - CONSISTENT, self.degrees_of_freedom)
+
     def power(self, size: float) -> float:
         """The probability that residuals with an error of this size are not consistent (at 5 %)."""
-        from scipy.stats import chi2, ncx2
+        from scipy.stats import ncx2
 
         if not self.degrees_of_freedom:
             return 0.0
-        threshold = chi2.isf(CONSISTENT, self.degrees_of_freedom)
-        return float(ncx2.sf(threshold, self.degrees_of_freedom, self.noncentrality * size**2))
+        return float(ncx2.sf(self._threshold, self.degrees_of_freedom, self.noncentrality * size**2))
 
     def size_at(self, power: float) -> float:
         """The size from which an error is detected with this probability, from 0.05, of false alarms, to 0.999."""
         from scipy.special import chndtrinc
-        from scipy.stats import chi2
 
         power = number(power, "power", least=CONSISTENT, most=0.999)
         if not self.degrees_of_freedom or not self.noncentrality:
             return np.inf
-        threshold = chi2.isf(CONSISTENT, self.degrees_of_freedom)
-        return float(np.sqrt(chndtrinc(threshold, self.degrees_of_freedom, 1.0 - power) / self.noncentrality))
+        return float(np.sqrt(chndtrinc(self._threshold, self.degrees_of_freedom, 1.0 - power) / self.noncentrality))
 
     def __str__(self) -> str:
         factor, unit = _SHOWN[self.unit]
