@@ -52,10 +52,10 @@ def plot_histogram(fit: Solution, ax: Axes | None = None, *, where: str | None =
 def plot_residuals(fit: Solution, ax: Axes | None = None) -> Axes:
     """Residuals of measured points against arc length, an axis each."""
     ax = _axes(ax)
-    points = [each for each in fit.residuals if is_point(fit, each)]
-    s = 1e3 * np.array([each.arc_length for each in points])
+    points = [one for one in fit.residuals if is_point(fit, one)]
+    s = 1e3 * np.array([one.arc_length for one in points])
     for axis, name in enumerate("xyz"):
-        ax.plot(s, [1e3 * each.value[axis] for each in points], ".", markersize=4, alpha=0.6, label=name)
+        ax.plot(s, [1e3 * one.value[axis] for one in points], ".", markersize=4, alpha=0.6, label=name)
     ax.axhline(0.0, color="black", linewidth=0.6)
     ax.set_xlabel("arc length [mm]")
     ax.set_ylabel("predicted - measured [mm]")
@@ -78,11 +78,11 @@ def plot_correlation(fit: Solution, ax: Axes | None = None) -> Axes:
 def plot_ellipse(fit: Solution, ax: Axes | None = None, *, pair: tuple[str, str] | None = None) -> Axes:
     """95 % confidence ellipse of two numbers; by default of the pair that is correlated most."""
     ax = _axes(ax)
-    found = _pair(fit) if pair is None else tuple(fit.labels.index(label) for label in pair)
-    if found is None:
+    pair_of = _pair(fit) if pair is None else tuple(fit.labels.index(label) for label in pair)
+    if pair_of is None:
         ax.set_axis_off()
         return ax
-    i, j = found
+    i, j = pair_of
     units = fit.estimation.unknowns.units
     (fi, ui), (fj, uj) = units[i], units[j]
     values = fit.estimates[[i, j]]

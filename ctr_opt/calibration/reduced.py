@@ -83,7 +83,7 @@ class _Reduced:
         try:
             self.equilibria = estimation.equilibria(x, self.equilibria)
         except (SolveError, DefinitionError):  # no equilibrium, or no such robot
-            count = sum(each.numbers for each in estimation.experiments) + len(x)
+            count = sum(one.numbers for one in estimation.experiments) + len(x)
             return np.full(count, _FAILED), np.zeros((count, len(scaled)))
         parts, slopes = [], []
         self.states = estimation.settled(x, _with_moments(self.states, self.equilibria))
@@ -106,7 +106,7 @@ class _Reduced:
 
 def _with_moments(states: Sequence[Array], equilibria: Sequence[Equilibrium]) -> list[Array]:
     """The states with the base moments of other equilibria."""
-    moments = [found.unknowns for found in equilibria]
+    moments = [shape.unknowns for shape in equilibria]
     return [np.concatenate((z, state[len(z) :])) for z, state in zip(moments, states, strict=True)]
 
 
@@ -126,16 +126,16 @@ def solve_reduced(
     free = np.array([k for k in range(len(x)) if k not in fixed], dtype=int)
     scale = unknowns.scale[free]
     problem = _Reduced(estimation, equilibria, x, free, progress)
-    bounds = tuple(each[free] / scale for each in unknowns.bounds)
+    bounds = tuple(one[free] / scale for one in unknowns.bounds)
     options: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12, "max_nfev": 200}
     options["x_scale"] = "jac"  # bounds close by would make for many small steps
     result = least_squares(problem.residuals, x[free] / scale, problem.jacobian, bounds, **options)
-    found, count = problem.all(result.x), int(result.njev or 0)
+    best, count = problem.all(result.x), int(result.njev or 0)
     try:
-        final = estimation.equilibria(found, problem.equilibria)
+        final = estimation.equilibria(best, problem.equilibria)
     except SolveError as error:
-        return Found(found, problem.states, False, f"no equilibrium in {error}", count)
-    states = estimation.settled(found, _with_moments(problem.states, final))
-    for state, here in zip(states, estimation.linearize(found, states), strict=True):
+        return Found(best, problem.states, False, f"no equilibrium in {error}", count)
+    states = estimation.settled(best, _with_moments(problem.states, final))
+    for state, here in zip(states, estimation.linearize(best, states), strict=True):
         state[: len(here.step)] += here.step
-    return Found(found, states, bool(result.status > 0), str(result.message), count)
+    return Found(best, states, bool(result.status > 0), str(result.message), count)

@@ -58,7 +58,7 @@ def errors_without(fit: Solution, experiments: Sequence[int] | int) -> list[Resi
     other = without(fit, numbers)
     held = [fit.estimation.experiments[k] for k in numbers]
     shown = tested(other, held, f"the estimates without {_listed(numbers)}")
-    return [attrs.evolve(each, experiment=numbers[each.experiment]) for each in shown.residuals]
+    return [attrs.evolve(one, experiment=numbers[one.experiment]) for one in shown.residuals]
 
 
 def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
@@ -86,24 +86,24 @@ def bootstrap(fit: Solution, repetitions: int, seed: int) -> Array:
         except EstimationError as error:
             failures.append(str(error))
     if failures:
-        told = f"bootstrap: {len(failures)} of {repetitions} repetitions have no answer; the first: {failures[0]}"
+        message = f"bootstrap: {len(failures)} of {repetitions} repetitions have no answer; the first: {failures[0]}"
         if len(failures) > _FEW * repetitions:
             raise EstimationError(
-                f"{told}. Without so many the others are no fair sample: add experiments or priors, or estimate fewer "
-                "parameters"
+                f"{message}. Without so many the others are no fair sample: add experiments or priors, or estimate "
+                "fewer parameters"
             )
-        warnings.warn(f"{told}. They are left out", EstimationWarning, stacklevel=3)
+        warnings.warn(f"{message}. They are left out", EstimationWarning, stacklevel=3)
     return np.array(estimates)
 
 
 def _redrawn(fit: Solution, chosen: Any, whose: str) -> Array:
     """Estimates from a choice of experiments, which must determine what all of them do."""
-    found = _refit(fit, chosen, whose).estimates
+    estimates = _refit(fit, chosen, whose).estimates
     open_before = np.isnan(fit.estimates)
-    lost = [label for label, those in zip(fit.labels, np.isnan(found) & ~open_before, strict=True) if those]
+    lost = [label for label, those in zip(fit.labels, np.isnan(estimates) & ~open_before, strict=True) if those]
     if lost:
         raise EstimationError(f"{whose} does not determine {', '.join(lost)}")
-    return np.where(open_before, np.nan, found)
+    return np.where(open_before, np.nan, estimates)
 
 
 def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
@@ -116,21 +116,21 @@ def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
 
 
 def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any) -> Found:
-    """That of the reduced way, if it found one."""
-    found = solve_reduced(estimation, *arguments, **settings)
-    if not found.converged:
+    """That of the reduced way, if it answer one."""
+    answer = solve_reduced(estimation, *arguments, **settings)
+    if not answer.converged:
         raise EstimationError(
-            f"{whose} found no answer after {found.iterations} iterations: {found.message}. Try priors or bounds, "
+            f"{whose} found no answer after {answer.iterations} iterations: {answer.message}. Try priors or bounds, "
             "fewer parameters, or more experiments"
         )
-    return found
+    return answer
 
 
 def _check_shared(fit: Solution) -> None:
     for entry in fit.estimation.unknowns.entries:
         if entry.experiment is not None:
-            told = f"{entry.name} belongs to one experiment, so that none can be left out or drawn again"
-            raise EstimationError(told)
+            message = f"{entry.name} belongs to one experiment, so that none can be left out or drawn again"
+            raise EstimationError(message)
 
 
 def _numbered(fit: Solution, experiments: Sequence[int] | int) -> list[int]:

@@ -26,7 +26,7 @@ def fit_report(fit: Solution) -> str:
 
 def _heading(fit: Solution) -> list[str]:
     estimation = fit.estimation
-    numbers = sum(each.numbers for each in estimation.experiments)
+    numbers = sum(one.numbers for one in estimation.experiments)
     places = sum(layout.blocks.places for layout in estimation.layouts)
     lines = [
         f"Fit of {len(fit.labels)} numbers to {len(estimation.experiments)} experiments ({numbers} numbers measured)",
@@ -49,13 +49,13 @@ def _heading(fit: Solution) -> list[str]:
 
 def _loss(fit: Solution) -> str:
     name = fit.estimation.loss
-    told = {
+    words = {
         "squared": "weighted least squares",
         "distance": f"sum of distances, smoothed within {SMOOTHING:g} standard deviations",
         "huber": "Huber's",
         "cauchy": "Cauchy's",
     }
-    return f"{told[name]}; {fit.objective:.6g} at the solution"
+    return f"{words[name]}; {fit.objective:.6g} at the solution"
 
 
 def _verdict(fit: Solution) -> str:
@@ -74,8 +74,8 @@ def parameter_table(fit: Solution) -> list[str]:
     lines = [f"  {'parameter':<36}{'start':>12}{'estimate':>14}{'+-':>12}   {'unit':<6}"]
     every = zip(fit.labels, unknowns.units, unknowns.initial, fit.estimates, fit.deviations, strict=True)
     for label, (factor, unit), start, value, error in every:
-        told = f"{factor * value:>14.6g}{factor * error:>12.2g}" if np.isfinite(error) else f"{'not determined':>26}"
-        lines.append(f"  {label:<36}{factor * start:>12.6g}{told}   {unit:<6}")
+        text = f"{factor * value:>14.6g}{factor * error:>12.2g}" if np.isfinite(error) else f"{'not determined':>26}"
+        lines.append(f"  {label:<36}{factor * start:>12.6g}{text}   {unit:<6}")
     return lines
 
 
@@ -111,7 +111,7 @@ def _correlated(fit: Solution) -> list[str]:
 def residual_lines(fit: Solution) -> list[str]:
     """Sizes of the residuals by what was measured and where, and experiments that do not fit."""
     lines = []
-    for part in dict.fromkeys(part for each in fit.residuals for part in measurement_of(fit, each).parts):
+    for part in dict.fromkeys(part for one in fit.residuals for part in measurement_of(fit, one).parts):
         factor, unit = shown(part.unit)
         for name, sizes in sizes_by_place(fit, part).items():
             mean, middle, most = factor * np.array((sizes.mean(), np.median(sizes), sizes.max()))
@@ -150,7 +150,7 @@ def is_point(fit: Solution, residual: Residual) -> bool:
 def sizes_by_place(fit: Solution, part: Part) -> dict[str, Array]:
     """Sizes of a part of the residuals, SI, by where they were measured."""
     return {
-        name: np.array([np.linalg.norm(each.value[part.of_block]) for each in residuals])
+        name: np.array([np.linalg.norm(one.value[part.of_block]) for one in residuals])
         for name, residuals in by_place(fit, part).items()
     }
 

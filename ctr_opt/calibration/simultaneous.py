@@ -40,7 +40,7 @@ class _Program:
         self.units = estimation.units
         self.states = states
         self.parameters = len(x)
-        ends = np.cumsum([self.parameters, *(len(each) for each in self.units)])
+        ends = np.cumsum([self.parameters, *(len(one) for one in self.units)])
         self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self.size = int(ends[-1])
         #  where each group's base moments stand, (experiments, moments)
@@ -165,8 +165,8 @@ def solve_simultaneous(
         if nearer.converged:
             start, program.states = nearer.x, rough.states
     point = solve_program(program, start, (lower, upper), progress=watch)
-    x, found = program.split(point.x)
+    x, reached = program.split(point.x)
     x = np.clip(x, *unknowns.bounds)  # IPOPT goes beyond by 1e-8
     if point.converged:
-        found = estimation.settled(x, found)
-    return Found(x, found, point.converged, point.message, iterations + point.iterations)
+        reached = estimation.settled(x, reached)
+    return Found(x, reached, point.converged, point.message, iterations + point.iterations)

@@ -143,7 +143,7 @@ class Solution:
     def vague(self) -> list[str]:
         """Labels of numbers that are determined, but to no better than their own size."""
         relative = self.deviations / self.estimation.unknowns.scale
-        return [label for label, each in zip(self.labels, relative, strict=True) if VAGUE < each < np.inf]
+        return [label for label, one in zip(self.labels, relative, strict=True) if VAGUE < one < np.inf]
 
     @cached_property
     def ratios(self) -> dict[str, tuple[float, float]]:
@@ -197,7 +197,7 @@ class Solution:
         return homes
 
     def _check_determined(self, what: str, labels: Iterable[str]) -> None:
-        open_ones = [str(each) for each in self.undetermined if not each.parts.keys().isdisjoint(labels)]
+        open_ones = [str(one) for one in self.undetermined if not one.parts.keys().isdisjoint(labels)]
         if open_ones:
             raise EstimationError(
                 f"the data do not determine the {what}: {'; '.join(open_ones)}. Add measurements "
@@ -235,7 +235,7 @@ class Solution:
         Where no noise level was given, in mm, mrad and so on.
         """
         priors = 2.0 * self.estimation.prior_cost(self.found.x)
-        return float(sum(each.misfit @ each.misfit for each in self._linearized)) + priors
+        return float(sum(one.misfit @ one.misfit for one in self._linearized)) + priors
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -253,8 +253,8 @@ class Solution:
         layouts = self.estimation.layouts
         return np.array(
             [
-                len(each.misfit) - free(each.places, layout.blocks.orders).any(axis=0).sum()
-                for layout, each in zip(layouts, self._linearized, strict=True)
+                len(one.misfit) - free(one.places, layout.blocks.orders).any(axis=0).sum()
+                for layout, one in zip(layouts, self._linearized, strict=True)
             ]
         )
 
@@ -298,7 +298,7 @@ class Solution:
         The sum of squares of an experiment against chi-square, with a noise level from the median experiment, but none
         below what the solves' accuracy leaves; flagged so seldom that good data have one in a hundred fits.
         """
-        squares = np.array([each.misfit @ each.misfit for each in self._linearized])
+        squares = np.array([one.misfit @ one.misfit for one in self._linearized])
         sizes = np.maximum(self._numbers, 1)
         level = np.maximum(np.median(squares / quantile(0.5, sizes)), self._inaccuracies**2)
         probabilities = tail(squares / level, sizes)

@@ -33,14 +33,14 @@ def solve(estimation: Estimation, method: str, progress: Progress | None) -> Fit
     """As :meth:`CalibrationProblem.solve <ctr_opt.CalibrationProblem.solve>`."""
     way = METHODS[choice(method, "method", tuple(METHODS))]
     equilibria = _prepared(estimation, progress)
-    found = way(estimation, equilibria, progress)
-    if not found.converged and way is solve_simultaneous:  # as where the data say nothing of some direction
+    answer = way(estimation, equilibria, progress)
+    if not answer.converged and way is solve_simultaneous:  # as where the data say nothing of some direction
         second = solve_reduced(estimation, equilibria, progress)
         if second.converged:
-            found, method = second, "simultaneous (not converged), then reduced"
-    if not found.converged:
-        raise EstimationError(_failure(estimation, found, method))
-    return Fit(estimation, found, method)
+            answer, method = second, "simultaneous (not converged), then reduced"
+    if not answer.converged:
+        raise EstimationError(_failure(estimation, answer, method))
+    return Fit(estimation, answer, method)
 
 
 def nominal(estimation: Estimation) -> Fit:

@@ -130,7 +130,7 @@ def taking_part(of: Determined) -> Array:
 
 def directions(of: Determined, labels: Sequence[str], x: Array, scale: Array) -> list[Direction]:
     """The undetermined directions, each with as few parameters as possible, in words."""
-    found = []
+    described = []
     for row in _sparse(of.unknown):
         vector = row / row[np.abs(row).argmax()]
         those = np.flatnonzero(np.abs(vector) > TAKES_PART)
@@ -140,8 +140,8 @@ def directions(of: Determined, labels: Sequence[str], x: Array, scale: Array) ->
         relative = vector[those] * scale[those] / np.where(x[those] == 0.0, np.inf, x[those])
         names = [labels[int(k)] for k in those]
         parts = dict(zip(names, vector[those] * scale[those], strict=True))
-        found.append(Direction(parts, float(spread), _described(names, vector[those], relative)))
-    return found
+        described.append(Direction(parts, float(spread), _described(names, vector[those], relative)))
+    return described
 
 
 def _sparse(basis: Array) -> list[Array]:

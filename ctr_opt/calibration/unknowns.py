@@ -189,10 +189,10 @@ class Unknowns:
         if not self.moves_experiments:
             return actuation, loads
         rotations, translations = np.array(actuation.rotations), np.array(actuation.translations)
-        own, (turned, shifted) = self._raw(x, k), self.homes_at(x).offsets
-        rotations = own.pop("rotations", rotations) + turned
-        translations = own.pop("translations", translations) + shifted
-        return Actuation(rotations, np.minimum(translations, 0.0)), loads_with(loads, own)
+        share, (turned, shifted) = self._raw(x, k), self.homes_at(x).offsets
+        rotations = share.pop("rotations", rotations) + turned
+        translations = share.pop("translations", translations) + shifted
+        return Actuation(rotations, np.minimum(translations, 0.0)), loads_with(loads, share)
 
     def homes_at(self, x: Array) -> Homes:
         """Homes of the joints with these values."""
@@ -229,7 +229,7 @@ class Unknowns:
         ``experiment = -1``: of one that was not seen, and has other loads. The name is that of a robot's parameter,
         ``"rotations"``, ``"translations"`` or a load's.
         """
-        found: list[tuple[str, int, Array]] = []
+        acting: list[tuple[str, int, Array]] = []
         for entry in self.entries:
             elsewhere = entry.experiment not in (None, experiment) or (entry.shared and experiment < 0)
             if elsewhere or entry.holder == "sensors":
@@ -239,8 +239,8 @@ class Unknowns:
                 base, first = _indexed(name)
                 rows = np.zeros((entry.size if entry.factors is None else entry.factors[j].size, self.size))
                 rows[:, part] = np.eye(entry.size) if entry.factors is None else entry.factors[j].reshape(-1, 1)
-                found.append((base, first, rows))
-        return found
+                acting.append((base, first, rows))
+        return acting
 
     def mounting(self, sensor: str, x: Array) -> Mounting:
         """Pose of a sensor in the frame of the tube that carries it; what is not unknown is zero."""
@@ -345,7 +345,7 @@ class Unknowns:
             )
         mean, sigma = initial, np.full(len(flat), np.inf)
         if given.prior is not None:
-            mean, sigma = (of_shape(each, "prior") for each in given.prior)
+            mean, sigma = (of_shape(one, "prior") for one in given.prior)
             if not (sigma > 0.0).all():
                 raise DefinitionError(
                     f"{given.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive"
@@ -406,5 +406,5 @@ def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
         none = value is None or value == infinite
         return np.full_like(of_shape(0.0, "bounds"), infinite) if none else of_shape(value, "bounds")
     given = np.asarray(value, dtype=object)
-    free = np.array([each is None or each == infinite for each in given.ravel()]).reshape(given.shape)
+    free = np.array([one is None or one == infinite for one in given.ravel()]).reshape(given.shape)
     return np.where(free.ravel(), infinite, of_shape(np.where(free, 0.0, given).tolist(), "bounds"))

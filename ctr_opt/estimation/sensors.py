@@ -47,6 +47,6 @@ def _mounted(carrier: Observed, translation: Array, angles: Array) -> tuple[Obse
     arms, turned = frames @ translation, frames @ Rotation.from_euler("XYZ", angles).as_matrix()
     poses = np.concatenate((turned, (carrier.value[:, :, 3] + arms)[..., None]), axis=2)
     moved = slopes[:, :3] + np.cross(slopes[:, 3:], arms[..., None], axis=1)
-    own = np.zeros((len(frames), 6, 6))
-    own[:, :3, :3], own[:, 3:, 3:] = frames, turned @ euler_rates(angles)
-    return Observed(poses, np.concatenate((moved, slopes[:, 3:]), axis=1)), own
+    rates = np.zeros((len(frames), 6, 6))
+    rates[:, :3, :3], rates[:, 3:, 3:] = frames, turned @ euler_rates(angles)
+    return Observed(poses, np.concatenate((moved, slopes[:, 3:]), axis=1)), rates

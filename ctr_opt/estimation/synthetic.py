@@ -113,8 +113,8 @@ def _experiments(
 ) -> list[Experiment]:
     if not cases:
         raise DefinitionError("cases = [] must hold at least one case")
-    problem, found = ForwardProblem(robot), []
+    problem, experiments = ForwardProblem(robot), []
     for k, (actuation, loads) in enumerate(cases):
         measurements = measured(problem.solve(actuation, loads))
-        found.append(Experiment(recorded.get(k, actuation), loads, measurements, name=f"case {k + 1}"))
-    return found
+        experiments.append(Experiment(recorded.get(k, actuation), loads, measurements, name=f"case {k + 1}"))
+    return experiments

@@ -63,7 +63,7 @@ class Errors:
 
     @classmethod
     def _of(cls, known: Mapping[str, Parameter], fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
-        parts = [] if fit is None else _of_fit(fit, {name: each.size for name, each in known.items() if not each.idle})
+        parts = [] if fit is None else _of_fit(fit, {name: one.size for name, one in known.items() if not one.idle})
         parts += [{name: np.diag(sigma)} for name, sigma in joints.items() if sigma is not None]
         names = tuple(dict.fromkeys(name for part in parts for name in part))
         columns = [np.vstack([_padded(part, name, known[name].size) for name in names]) for part in parts]
@@ -91,11 +91,11 @@ def _of_fit(fit: Fit, sizes: Mapping[str, int]) -> list[dict[str, Array]]:
     rows: dict[str, Array] = {}
     for name, first, part in unknowns.acting(-1):
         if name in sizes:
-            own = rows.setdefault(name, np.zeros((sizes[name], unknowns.size)))
-            own[first : first + len(part)] += part
+            share = rows.setdefault(name, np.zeros((sizes[name], unknowns.size)))
+            share[first : first + len(part)] += part
     if not rows:
         return []
-    used = np.flatnonzero(np.any([own.any(axis=0) for own in rows.values()], axis=0))
+    used = np.flatnonzero(np.any([share.any(axis=0) for share in rows.values()], axis=0))
     covariance = fit.covariance[np.ix_(used, used)]
     if not np.isfinite(covariance).all():
         raise EstimationError(
@@ -106,7 +106,7 @@ def _of_fit(fit: Fit, sizes: Mapping[str, int]) -> list[dict[str, Array]]:
         rows["base.rotation"] = euler_rates(np.asarray(fit.values["base.rotation"])) @ rows["base.rotation"]
     values, vectors = np.linalg.eigh(covariance)
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
-    return [{name: own[:, used] @ factor for name, own in rows.items()}]
+    return [{name: share[:, used] @ factor for name, share in rows.items()}]
 
 
 @attrs.frozen(eq=False)
@@ -145,7 +145,7 @@ class Case:
         """A case; one of those ``kept`` that serves lends its model. ``steps``: as for ``loaded_model``."""
         ends = Ends.of_robot(robot, experiment.actuation.translations)
         experiment.check_places(ends)
-        unknown, observables = tuple(each.placed(ends) for each in unknown), experiment.framed(ends)
+        unknown, observables = tuple(one.placed(ends) for one in unknown), experiment.framed(ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
         before = next((case for case in kept if case.serves(experiment, observables, ends, errors, numbered)), None)
         if before is not None:
@@ -178,11 +178,11 @@ class Case:
         numbered: Numbered,
     ) -> bool:
         """Whether its model serves another experiment, too, with the same unknown loads, as they are placed there."""
-        own = self.experiment
+        before = self.experiment
         return (
             self.observables == observables
-            and [type(each) for each in own.measurements] == [type(each) for each in experiment.measurements]
-            and own.loads == experiment.loads
+            and [type(one) for one in before.measurements] == [type(one) for one in experiment.measurements]
+            and before.loads == experiment.loads
             and self.ends.innermost() == ends.innermost()
             and self.numbered.templates == numbered.templates
             and self.errors.names == errors.names
@@ -213,10 +213,10 @@ class Case:
 
     def resting(self, shape: Equilibrium) -> State:
         """The robot without the unknown loads, its points at the places next to them."""
-        found = self.search.at(shape.unknowns, self.start, self.places(shape), np.zeros(self.search.errors))
-        if found is None:
+        state = self.search.at(shape.unknowns, self.start, self.places(shape), np.zeros(self.search.errors))
+        if state is None:
             raise EstimationError("without the unknown loads the robot's shape cannot be compared with measurements")
-        return found
+        return state
 
     def places(self, shape: Equilibrium) -> Array:
         """Where points somewhere on the backbone are likely, by a shape."""
@@ -240,10 +240,10 @@ class Case:
     def possible(self, free: Spread, x: Array) -> Spread:
         """Deviations from ``x``, in its scales, that bounds and cones of friction allow, one after the other."""
         sought = self.search.sought
-        at, lower, upper = (each / sought.scale for each in (x, sought.lower, sought.upper))
-        for part, each in zip(self.numbered.parts, self.numbered.unknown, strict=True):
-            if each.cone is not None:
-                free = free.given(part, within_cone(free.of(part), at[part], *each.cone))
+        at, lower, upper = (one / sought.scale for one in (x, sought.lower, sought.upper))
+        for part, one in zip(self.numbered.parts, self.numbered.unknown, strict=True):
+            if one.cone is not None:
+                free = free.given(part, within_cone(free.of(part), at[part], *one.cone))
         for k in np.flatnonzero(self.confined):
             part = slice(k, k + 1)
             free = free.given(part, between(free.of(part), lower[k] - at[k], upper[k] - at[k]))
@@ -258,7 +258,7 @@ class Case:
     @property
     def bounded(self) -> bool:
         """Whether any is, or a force by a cone of friction."""
-        cones = any(each.cone is not None for each in self.numbered.unknown)
+        cones = any(one.cone is not None for one in self.numbered.unknown)
         return cones or bool(self.confined.any())
 
     def contact(self, part: slice) -> UnknownLoad:
@@ -274,10 +274,10 @@ class Case:
         experiment = attrs.evolve(self.experiment, measurements=(measurement,))
         unknown, errors = self.numbered.unknown, self.errors
         other = Case.of(self.robot, experiment, unknown, errors, "squared", self.compiled, steps, ())
-        found = other.search.at(state.z, state.x, np.zeros(0), state.e)
-        if found is None:
+        there = other.search.at(state.z, state.x, np.zeros(0), state.e)
+        if there is None:
             raise EstimationError("the model cannot be evaluated at the estimate")
-        return found.slopes
+        return there.slopes
 
 
 def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tuple[Sought, Array]:
@@ -287,17 +287,17 @@ def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tup
     mean = np.zeros(size)
     scale, lower, upper = extent(robot, numbered, ends)
     information = []
-    for k, (part, each) in enumerate(zip(numbered.parts, numbered.unknown, strict=True)):
-        each.check_scale(scale[part], f"unknown[{k}]")
-        known = each.known_before
+    for k, (part, one) in enumerate(zip(numbered.parts, numbered.unknown, strict=True)):
+        one.check_scale(scale[part], f"unknown[{k}]")
+        known = one.known_before
         information.append(np.zeros((part.stop - part.start,) * 2) if known is None else known.information)
         mean[part] = 0.0 if known is None else known.mean
     fields = np.array(numbered.fields)
     forces = np.where((fields == "force") | (fields == "normal_force"), scale, 0.0)
-    mixing = np.asarray(block_diag(*(each.mixing for each in numbered.unknown)))
+    mixing = np.asarray(block_diag(*(one.mixing for one in numbered.unknown)))
     at_places = fields == "arc_length"
-    found = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, at_places, errors.spread)
-    return found, forces
+    sought = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, at_places, errors.spread)
+    return sought, forces
 
 
 def extent(robot: Robot, numbered: Numbered, ends: Ends) -> tuple[Array, Array, Array]:
@@ -308,6 +308,6 @@ def extent(robot: Robot, numbered: Numbered, ends: Ends) -> tuple[Array, Array, 
     scales = {"force": stiffness / length**2, "moment": stiffness / length, "arc_length": length}
     scales["density"], scales["normal_force"] = scales["force"] / length, scales["force"]
     scale = np.array([scales[field] for field in numbered.fields])
-    for part, each in zip(numbered.parts, numbered.unknown, strict=True):
-        lower[part], upper[part] = each.limits_on(ends)
+    for part, one in zip(numbered.parts, numbered.unknown, strict=True):
+        lower[part], upper[part] = one.limits_on(ends)
     return scale, lower, upper

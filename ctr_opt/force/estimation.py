@@ -107,7 +107,7 @@ class Estimation:
             return _MORE * self._unloaded(experiment).solved().steps
 
         case = Case.of(self.robot, experiment, unknown, errors, self.loss, self.forward.compiled, steps, self._kept)
-        others = [each for each in self._kept if each.search.model is not case.search.model]
+        others = [one for one in self._kept if one.search.model is not case.search.model]
         self._kept = [case, *others][:_MODELS]
         return case
 
@@ -136,8 +136,8 @@ class Estimation:
         """The one with the number of contacts for which there is most evidence."""
         others, measured = len(self.unknown) - 1, len(estimates[0].state.misfit)
         table = [
-            Evidence.of(len(each.case.numbered.unknown) - others, each.state.cost, len(each.labels), measured)
-            for each in estimates
+            Evidence.of(len(one.case.numbered.unknown) - others, one.state.cost, len(one.labels), measured)
+            for one in estimates
         ]
         best = estimates[int(np.argmin([row.criterion for row in table]))]
         if not others:
@@ -156,8 +156,8 @@ class Estimation:
         start = None
         if initial is not None:
             start = case.search.at(*self._near(case, initial), np.zeros(case.search.errors))
-        found, state = smoothest(case, start or self._resting(case))
-        return found, [] if state is None else [state]
+        chosen, state = smoothest(case, start or self._resting(case))
+        return chosen, [] if state is None else [state]
 
     def shape(self, case: Case, x: Array) -> Equilibrium:
         """The robot in equilibrium under the loads with these numbers."""
@@ -172,22 +172,22 @@ class Estimation:
         starts = contacts(case, resting.z, resting.places) if case.contacts else [case.start]
         rng = np.random.default_rng(_SEED)
         starts += [case.start + case.forces * rng.normal(size=len(case.start)) for _ in range(self.starts - 1)]
-        found = _different(case, [case.search.solve(resting.z, x, resting.places) for x in starts])
-        if case.contacts and not (found and case.likely(found[0])):
-            profiles = [Profile.of(case, part, found, resting) for part in case.contacts]
+        states = _different(case, [case.search.solve(resting.z, x, resting.places) for x in starts])
+        if case.contacts and not (states and case.likely(states[0])):
+            profiles = [Profile.of(case, part, states, resting) for part in case.contacts]
             walked = [profile.least() for profile in profiles if profile.states]
-            freed = [case.search.solve(each.z, each.x, each.places) or each for each in walked]
-            found = _different(case, [*found, *freed])
-        return found
+            freed = [case.search.solve(one.z, one.x, one.places) or one for one in walked]
+            states = _different(case, [*states, *freed])
+        return states
 
 
 def _different(case: Case, states: Sequence[State | None]) -> list[State]:
-    """Those that are found, each once, the likeliest first."""
-    found: list[State] = []
+    """Those that are different, each once, the likeliest first."""
+    different: list[State] = []
     for state in states:
-        if state is not None and not any(_same(case, state, other) for other in found):
-            found.append(state)
-    return sorted(found, key=lambda state: state.cost)
+        if state is not None and not any(_same(case, state, other) for other in different):
+            different.append(state)
+    return sorted(different, key=lambda state: state.cost)
 
 
 def _same(case: Case, a: State, b: State) -> bool:
@@ -231,5 +231,5 @@ def _with(unknown: UnknownLoad, prior: Any) -> UnknownLoad:
 
 def _options(unknown: tuple[UnknownLoad, ...]) -> list[tuple[UnknownLoad, ...]]:
     """All choices of loads that stand for the unknown ones, those of the one that has several last."""
-    choices = [each.choices(alone=len(unknown) == 1) for each in unknown]
+    choices = [one.choices(alone=len(unknown) == 1) for one in unknown]
     return [tuple(chain(*options)) for options in product(*sorted(choices, key=len))]

@@ -41,13 +41,13 @@ class Numbered:
         names: list[str] = []
         labels: list[str] = []
         parts = []
-        for k, each in enumerate(unknown):
-            own = each.sought
+        for k, one in enumerate(unknown):
+            numbers = one.sought
             prefix = f"unknown[{k}]." if len(unknown) > 1 else ""
-            names += [f"loads[{first + len(templates) + load}].{field}" for load, field in each.taken]
-            parts.append(slice(len(labels), len(labels) + sum(number.size for number in own)))
-            labels += [prefix + label for number in own for label in number.labels]
-            templates += each.loads()
+            names += [f"loads[{first + len(templates) + load}].{field}" for load, field in one.taken]
+            parts.append(slice(len(labels), len(labels) + sum(number.size for number in numbers)))
+            labels += [prefix + label for number in numbers for label in number.labels]
+            templates += one.loads()
         return cls(unknown, first, tuple(templates), tuple(names), tuple(labels), tuple(parts))
 
     @cached_property
@@ -65,20 +65,20 @@ class Numbered:
     @property
     def resultants(self) -> list[Array]:
         """Total forces of the unknown loads ``(3, numbers)``, by all numbers that are sought."""
-        found = []
-        for part, each in zip(self.parts, self.unknown, strict=True):
+        resultants = []
+        for part, one in zip(self.parts, self.unknown, strict=True):
             rows = np.zeros((3, len(self.labels)))
-            rows[:, part] = each.resultant
-            found.append(rows)
-        return found
+            rows[:, part] = one.resultant
+            resultants.append(rows)
+        return resultants
 
     def roughness(self) -> Array | None:
         """Of a distributed force whose smoothness is not given, as a quadratic form of all numbers."""
-        found = np.zeros((len(self.labels),) * 2)
-        for part, each in zip(self.parts, self.unknown, strict=True):
-            if each.roughly:
-                found[part, part] = each.roughness
-        return found if found.any() else None
+        form = np.zeros((len(self.labels),) * 2)
+        for part, one in zip(self.parts, self.unknown, strict=True):
+            if one.roughly:
+                form[part, part] = one.roughness
+        return form if form.any() else None
 
     def loads_at(self, known: Sequence[Load], numbers: Array) -> list[Load]:
         """The known loads and those sought, with the numbers of the model."""

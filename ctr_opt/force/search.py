@@ -201,10 +201,10 @@ class Search:
 
     def _at_rest(self, state: State) -> State | None:
         """The same loads with the robot in equilibrium."""
-        found: State | None = state
-        while found is not None and found.off >= _SETTLED:
-            found = self._settled(found)
-        return found
+        ahead: State | None = state
+        while ahead is not None and ahead.off >= _SETTLED:
+            ahead = self._settled(ahead)
+        return ahead
 
     @property
     def errors(self) -> int:
@@ -227,14 +227,14 @@ class Search:
             short = length * max(length, _SHRINK * last) < self.arrived * max(length, last)
             if short and state.off < _BALANCED:
                 return state.moved(x, places, e), 0.0, length
-            found = self._near(self.at(state.z + state.follow @ np.concatenate(([1.0], dx)), x, places, e))
-            if found is not None and not found.better_than(state):
-                found, length = self._corrected(found, state, damping), 0.0
-            if found is not None and found.better_than(state):
-                return found, 0.0 if damping < 1e-6 else 0.1 * damping, 0.0 if damping else length
+            ahead = self._near(self.at(state.z + state.follow @ np.concatenate(([1.0], dx)), x, places, e))
+            if ahead is not None and not ahead.better_than(state):
+                ahead, length = self._corrected(ahead, state, damping), 0.0
+            if ahead is not None and ahead.better_than(state):
+                return ahead, 0.0 if damping < 1e-6 else 0.1 * damping, 0.0 if damping else length
             settled = self._settled(state) if state.off > _SETTLED else None
             if settled is not None:  # the loss was told by a linearization: back into equilibrium first
-                if found is None or settled.cost - state.cost < _MISSED * (found.cost - state.cost):
+                if ahead is None or settled.cost - state.cost < _MISSED * (ahead.cost - state.cost):
                     damping = max(10.0 * damping, 1e-3)
                 return settled, damping, 0.0
             damping = max(10.0 * damping, 1e-3)
@@ -259,8 +259,8 @@ class Search:
 
     def _settled(self, state: State) -> State | None:
         """The same loads closer to equilibrium, where the loss means what it says; None where it is not closer."""
-        found = self.at(state.z + state.follow[:, 0], state.x, state.places, state.e)
-        return found if found is not None and found.off < 0.5 * state.off else None
+        ahead = self.at(state.z + state.follow[:, 0], state.x, state.places, state.e)
+        return ahead if ahead is not None and ahead.off < 0.5 * state.off else None
 
 
 @attrs.frozen(eq=False)

@@ -174,14 +174,14 @@ class Solution(Estimated):
         """
         matrix, gradient = self._scaled
         values, vectors = np.linalg.eigh(matrix)
-        found = np.asarray((vectors / np.maximum(values, BLIND**-2 * 1e-6)) @ vectors.T)
+        scaled = np.asarray((vectors / np.maximum(values, BLIND**-2 * 1e-6)) @ vectors.T)
         scale = self.case.search.sought.scale
         if self.case.bounded:
             known = values > BLIND**-2
             along = vectors[:, known]
-            free = Spread(-along @ ((along.T @ gradient) / values[known]), found)
-            found = self.case.possible(free, self.estimates).about_zero
-        return found * np.outer(scale, scale)
+            free = Spread(-along @ ((along.T @ gradient) / values[known]), scaled)
+            scaled = self.case.possible(free, self.estimates).about_zero
+        return scaled * np.outer(scale, scale)
 
     def position(self, s: Any) -> tuple[Array, Array]:
         """Where the backbone is at arc lengths ``s``: positions ``(..., 3)``, m, and covariances ``(..., 3, 3)``, m^2.
@@ -213,10 +213,10 @@ class Solution(Estimated):
         k, matrix = len(self.estimates), self._normal.matrix
         gain = np.linalg.solve(matrix[k:, k:], matrix[k:, :k])
         by_loads, by_errors = slopes[:, :, :k] - slopes[:, :, k:] @ gain, slopes[:, :, k:]
-        found = by_loads @ self.covariance @ by_loads.transpose(0, 2, 1)
-        found += by_errors @ np.linalg.solve(matrix[k:, k:], by_errors.transpose(0, 2, 1))
+        covariances = by_loads @ self.covariance @ by_loads.transpose(0, 2, 1)
+        covariances += by_errors @ np.linalg.solve(matrix[k:, k:], by_errors.transpose(0, 2, 1))
         positions = self.shape.position(places) + slopes[:, :, k:] @ self.state.e
-        return positions.reshape(*given.shape, 3), np.asarray(found.reshape(*given.shape, 3, 3))
+        return positions.reshape(*given.shape, 3), np.asarray(covariances.reshape(*given.shape, 3, 3))
 
     @cached_property
     def axes(self) -> Any:
