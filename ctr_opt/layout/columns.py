@@ -104,14 +104,14 @@ class StepColumns(_Columns):
         ``middle (k,)`` is a point of the section that each step lies in, where its own middle does not tell.
         """
         scales, fields = configuration.scales, self.kind.fields
-        nodes = configuration.nodes(steps, fractions, middle, fields)
+        precurvature, loads = configuration.nodes(steps, fractions, middle, fields)
         places = steps[:, :1] + fractions * np.diff(steps)
         present = configuration.present(steps.mean(axis=1) if middle is None else middle)
         data = {
             "length": np.diff(steps),
             **existing(configuration.stiffness, present),
-            "precurvature": nodes.precurvature.reshape(len(steps), -1),
-            **self._inner.values(nodes.loads, places, scales),
+            "precurvature": precurvature.reshape(len(steps), -1),
+            **self._inner.values(loads, places, scales),
             **self._point.values(configuration.jumps(steps[:, 1], fields), steps[:, 1:], scales),
         }
         return self._filled(data, scales, len(steps)).T.copy()

@@ -81,14 +81,6 @@ class Placed:
 
 
 @attrs.frozen(eq=False)
-class Nodes:
-    """Data at ``(steps, nodes)`` points: ``precurvature (.., tubes, 3)``, and the loads per arc length."""
-
-    precurvature: Array
-    loads: LoadValues
-
-
-@attrs.frozen(eq=False)
 class Scales:
     """Units that make the equations dimensionless: the robot's length and its largest bending stiffness.
 
@@ -239,7 +231,7 @@ class Configuration:
         """A rough upper bound of the curvature in a section, 1/m."""
         middle = np.array([0.5 * (start + end)])
         stiffness = float((self.stiffness.bending_stiffness * self.present(middle)[0]).sum())
-        nodes = self.nodes(np.array([[start, end]]), np.linspace(0.0, 1.0, 5))
+        precurvature, _ = self.nodes(np.array([[start, end]]), np.linspace(0.0, 1.0, 5))
         couple, force, lever = 0.0, 0.0, 0.0
         for point in self.points:
             if point.start > start:
@@ -254,12 +246,14 @@ class Configuration:
                 couple += extent * turning
                 force += extent * density
                 lever += extent * density * (span.end - start)
-        preset = float(np.abs(nodes.precurvature).max())
+        preset = float(np.abs(precurvature).max())
         # A force bends an elastica to at most 2 sqrt(F / EI), however long the lever.
         return preset + couple / stiffness + min(lever / stiffness, 2.0 * float(np.sqrt(force / stiffness)))
 
-    def nodes(self, steps: Array, fractions: Array, middle: Array | None = None, fields: Sequence[Field] = ()) -> Nodes:
-        """Precurvature and load densities at ``start + fraction (end - start)`` of every step.
+    def nodes(
+        self, steps: Array, fractions: Array, middle: Array | None = None, fields: Sequence[Field] = ()
+    ) -> tuple[Array, LoadValues]:
+        """Precurvature ``(steps, nodes, tubes, 3)`` and load densities at ``start + fraction (end - start)`` of steps.
 
         Each step lies inside one section, that of ``middle`` (default: the step's own), and its data are taken from
         that section's side even at its ends. Where a tube has ended its precurvature is zero. ``fields`` are the
@@ -281,7 +275,7 @@ class Configuration:
             if here.any():
                 both = (values_at(density, s[here], middle[here], name) for name, density in span.densities)
                 loads.add((here, slice(None)), span.push, fields, *both)
-        return Nodes(precurvature, loads)
+        return precurvature, loads
 
     def loads_on(self, tube_ends: Array, factor: float) -> list[Load]:
         """The loads multiplied by ``factor``, kept within tubes that end at ``tube_ends``; none for a factor of zero.

@@ -151,9 +151,6 @@ class Tube(Checked):
             raise DefinitionError(f"tube {self.name!r}: {error}") from None
 
     def _check(self) -> None:
-        def put(field: str, value: object) -> None:
-            object.__setattr__(self, field, value)
-
         if self.inner_diameter >= self.outer_diameter:
             raise DefinitionError(
                 f"inner_diameter = {self.inner_diameter:g} m must be below outer_diameter = {self.outer_diameter:g} m"
@@ -172,8 +169,8 @@ class Tube(Checked):
             )
         for name in STIFFNESSES:
             number(getattr(self, name), f"{name} of these diameters and moduli", above=0.0, unit="N m^2")
-        put("precurvature", as_pieces(self.precurvature))
-        put("shape", PiecewisePolynomial.join([piece.polynomial() for piece in self.precurvature]))
+        object.__setattr__(self, "precurvature", as_pieces(self.precurvature))
+        object.__setattr__(self, "shape", PiecewisePolynomial.join([piece.polynomial() for piece in self.precurvature]))
 
     def _stiffness(self, name: str) -> Any:
         given = getattr(self, f"_{name}")

@@ -121,7 +121,7 @@ class Shape:
         values = self.at(s.ravel())
         measure = (half * weights).ravel()
         fields = self.configuration.kind.fields
-        loads = self.configuration.nodes(self.mesh, 0.5 * (points + 1.0), fields=fields).loads
+        _, loads = self.configuration.nodes(self.mesh, 0.5 * (points + 1.0), fields=fields)
         positions = values.state.position
         work = np.einsum("ij,ji->i", loads.force.reshape(-1, 3), positions)
         work -= _potentials(fields, loads, positions)
