@@ -9,7 +9,7 @@ import numpy as np
 from ..estimation.chi_square import quantile
 from ..estimation.measurements.kind import POINTS
 from ..robot.names import symbol
-from .report import is_point, sizes_by_place
+from .report import sizes_by_place
 from .solution import Solution
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def plot_histogram(fit: Solution, ax: Axes | None = None, *, where: str | None =
 def plot_residuals(fit: Solution, ax: Axes | None = None) -> Axes:
     """Residuals of measured points against arc length, an axis each."""
     ax = _axes(ax)
-    points = [one for one in fit.residuals if is_point(fit, one)]
+    points = [one for one in fit.residuals if one.is_point]
     s = 1e3 * np.array([one.arc_length for one in points])
     for axis, name in enumerate("xyz"):
         ax.plot(s, [1e3 * one.value[axis] for one in points], ".", markersize=4, alpha=0.6, label=name)

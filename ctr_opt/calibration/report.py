@@ -6,8 +6,7 @@ import numpy as np
 
 from ..checks import Array
 from ..estimation.losses import SMOOTHING
-from ..estimation.measurements import Measurement
-from ..estimation.measurements.kind import POINTS, Part
+from ..estimation.measurements.kind import Part
 from ..forward.report import row
 from ..layout.observables import Distal, Observable, Somewhere
 from ..robot.names import shown, symbol
@@ -111,7 +110,7 @@ def _correlated(fit: Solution) -> list[str]:
 def residual_lines(fit: Solution) -> list[str]:
     """Sizes of the residuals by what was measured and where, and experiments that do not fit."""
     lines = []
-    for part in dict.fromkeys(part for one in fit.residuals for part in measurement_of(fit, one).parts):
+    for part in dict.fromkeys(part for one in fit.residuals for part in one.measured.parts):
         factor, unit = shown(part.unit)
         for name, sizes in sizes_by_place(fit, part).items():
             mean, middle, most = factor * np.array((sizes.mean(), np.median(sizes), sizes.max()))
@@ -127,24 +126,9 @@ def residual_lines(fit: Solution) -> list[str]:
 
 def worst_point(fit: Solution, experiment: int) -> str:
     """The largest distance of an experiment's points, and where; empty if it has none."""
-    points = [each for each in fit.residuals if each.experiment == experiment and is_point(fit, each)]
+    points = [each for each in fit.residuals if each.experiment == experiment and each.is_point]
     worst = max(points, key=lambda each: each.distance, default=None)
     return f"{1e3 * worst.distance:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, " if worst else ""
-
-
-def measurement_of(fit: Solution, residual: Residual) -> Measurement:
-    """What a residual is of."""
-    return fit.estimation.experiments[residual.experiment].measurements[residual.measurement]
-
-
-def observable_of(fit: Solution, residual: Residual) -> Observable:
-    """What a residual is observed of, and where."""
-    return measurement_of(fit, residual).observables[residual.block]
-
-
-def is_point(fit: Solution, residual: Residual) -> bool:
-    """Whether a residual is that of a measured point."""
-    return POINTS in measurement_of(fit, residual).parts
 
 
 def sizes_by_place(fit: Solution, part: Part) -> dict[str, Array]:
@@ -157,8 +141,8 @@ def sizes_by_place(fit: Solution, part: Part) -> dict[str, Array]:
 
 def by_place(fit: Solution, part: Part) -> dict[str, list[Residual]]:
     """The residuals with such a part by where they were measured: ends of tubes, the tip, sensors, arc lengths."""
-    those = [each for each in fit.residuals if part in measurement_of(fit, each).parts]
-    observables = [observable_of(fit, each) for each in those]
+    those = [each for each in fit.residuals if part in each.measured.parts]
+    observables = [each.observable for each in those]
     few = len({one.place for one in observables if isinstance(one.place, float)}) <= _FEW
     groups: dict[str, list[Residual]] = {}
     for each, one in zip(those, observables, strict=True):

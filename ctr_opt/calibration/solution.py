@@ -14,9 +14,10 @@ from ..checks import Array
 from ..errors import EstimationError
 from ..estimation.chi_square import p_value, quantile, tail
 from ..estimation.linearized import Linearized
+from ..estimation.measurements.kind import POINTS, Measurement
 from ..estimation.places import free
 from ..layout.ends import Ends
-from ..layout.observables import Somewhere, arc_length_of
+from ..layout.observables import Observable, Somewhere, arc_length_of
 from ..robot.names import symbol
 from ..robot.robot import Robot
 from .estimation import Estimation
@@ -56,6 +57,17 @@ class Residual:
     """Where it was measured, m, as the fit has it; of points at unknown arc lengths its estimate."""
 
     value: Array
+    measured: Measurement = attrs.field(repr=False)
+
+    @property
+    def observable(self) -> Observable:
+        """What is observed, and where."""
+        return self.measured.observables[self.block]
+
+    @property
+    def is_point(self) -> bool:
+        """Whether it is that of a measured point."""
+        return POINTS in self.measured.parts
 
     @property
     def size(self) -> float:
@@ -225,7 +237,7 @@ class Solution:
                 for i, whitener in enumerate(measured.whitener_for(self.estimation.loss)):
                     place = measured.observables[i].place
                     s = float(next(places)) if isinstance(place, Somewhere) else arc_length_of(place, ends)
-                    residuals.append(Residual(k, j, i, s, np.linalg.solve(whitener, next(misfits))))
+                    residuals.append(Residual(k, j, i, s, np.linalg.solve(whitener, next(misfits)), measured))
         return residuals
 
     @cached_property

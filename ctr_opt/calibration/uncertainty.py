@@ -68,22 +68,20 @@ class Information:
 def information(estimation: Estimation, linearized: Sequence[Linearized]) -> Information:
     """The sums at some linearization."""
     scale = estimation.unknowns.scale
-    size = len(scale)
-    matrix, curvature, scatter = (np.zeros((size, size)) for _ in range(3))
-    every, gradients = [], []
+    matrix, scatter = np.zeros((2, len(scale), len(scale)))
+    curvatures, gradients = [], []
     for layout, here in zip(estimation.layouts, linearized, strict=True):
-        slopes = np.zeros((len(here.misfit), size))
+        slopes = np.zeros((len(here.misfit), len(scale)))
         slopes[:, layout.acting] = here.reduced * scale[layout.acting]
         along = layout.blocks.along(here.misfit_s, here.places)
-        _, pulls, bent = layout.blocks.expanded(here.misfit, slopes, along, positive=False)
+        _, pulls, curvature = layout.blocks.expanded(here.misfit, slopes, along, positive=False)
         slopes = across(slopes, along)
         matrix += slopes.T @ slopes
-        curvature += bent
         scatter += pulls.T @ pulls
-        every.append(bent)
+        curvatures.append(curvature)
         gradients.append(pulls.sum(axis=0))
     prior = np.diag((scale / estimation.unknowns.prior[1]) ** 2)
-    return Information(matrix, curvature, scatter, prior, every, gradients)
+    return Information(matrix, np.sum(curvatures, axis=0), scatter, prior, curvatures, gradients)
 
 
 @attrs.frozen(eq=False)

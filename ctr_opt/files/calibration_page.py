@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.plot import figure_fit
-from ..calibration.report import by_place, is_point, observable_of, sizes_by_place, worst_point
+from ..calibration.report import by_place, sizes_by_place, worst_point
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
 from ..estimation.measurements.kind import DIRECTIONS, POINTS
@@ -110,7 +110,7 @@ def _table(header: list[str], rows: list[list[str]]) -> list[str]:
 
 def tip_errors(fit: Fit) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Of the experiments whose tip was measured: its error (m), its arc length (m), and whether there was a load."""
-    tips = [each for each in fit.residuals if is_point(fit, each) and observable_of(fit, each).place is None]
+    tips = [each for each in fit.residuals if each.is_point and each.observable.place is None]
     loaded = [bool(fit.estimation.experiments[each.experiment].loads) for each in tips]
     sizes, lengths = ([getattr(each, field) for each in tips] for field in ("distance", "arc_length"))
     return np.array(sizes), np.array(lengths), np.array(loaded, dtype=bool)
