@@ -208,4 +208,4 @@ def test_a_fibre_at_the_end_of_another_tube():
     seen = ctr.CurvatureMeasurement(Distal(1), fibre(shape, 0, arc_length(shape, Distal(1))), 1e-3, 0)
     made, equilibria = estimation(robot, [ctr.Experiment(actuation, [], [seen])], ["base.translation"], compiled=True)
     (one,) = made.linearize(made.unknowns.initial, [equilibria[0].unknowns])
-    np.testing.assert_allclose(one.settled(), 0.0, atol=1e-2)  # 1e-5 of 1/m, as solves are to 1e-9
+    np.testing.assert_allclose(one.settled, 0.0, atol=1e-2)  # 1e-5 of 1/m, as solves are to 1e-9
