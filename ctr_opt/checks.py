@@ -73,7 +73,9 @@ def array(
         result = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise DefinitionError(f"{field} = {_short(value)} must be numbers of shape {_wanted(shape)}") from None
-    if result.ndim != len(shape) or any(size not in (None, got) for size, got in zip(shape, result.shape, strict=True)):
+    if result.shape != shape and (
+        result.ndim != len(shape) or any(size not in (None, got) for size, got in zip(shape, result.shape, strict=True))
+    ):
         raise DefinitionError(f"{field} has shape {result.shape}, but must have shape {_wanted(shape)}")
     if not (np.abs(result) <= _LARGEST).all():
         entry, bad = _first(np.abs(result) <= _LARGEST, result)
@@ -218,9 +220,11 @@ class Entry:
 
     def checked(self, value: Any, field: str) -> Any:
         """An argument of this name, clean."""
-        unit = self.unit if self.unit != "1" else ""
         if value is None and self.optional:
             return None
+        unit = self.unit if self.unit != "1" else ""
+        if self.shape:
+            return array(value, field, self.shape, unit=unit)
         if self.unit == "tube":
             return index(value, field)
         if self.unit == "whole":
@@ -229,9 +233,7 @@ class Entry:
             return flag(value, field)
         if self.choices:
             return choice(value, field, self.choices)
-        if not self.shape:
-            return number(value, field, above=self.above, least=self.least, most=self.most, unit=unit)
-        return array(value, field, self.shape, unit=unit)
+        return number(value, field, above=self.above, least=self.least, most=self.most, unit=unit)
 
 
 @attrs.frozen
@@ -273,8 +275,9 @@ class Checked:
     """See :class:`Table`."""
 
     def __attrs_post_init__(self) -> None:
+        put = object.__setattr__  # loads are made in loops: every look-up counts
         for slot, field, entry in _slots(cast(Any, type(self))):
-            object.__setattr__(self, slot, entry.checked(getattr(self, slot), field))
+            put(self, slot, entry.checked(getattr(self, slot), field))
 
     @classmethod
     def in_files(cls) -> dict[str, Entry]:
