@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Array
+from ..estimation.experiment import Experiment
 from ..robot.actuation import Actuation
 from . import refits
 from .plot import figure_fit
@@ -14,8 +15,6 @@ from .solution import Residual, Solution
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from ..estimation.experiment import Experiment
 
 
 class Fit(Solution):

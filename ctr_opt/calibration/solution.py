@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import attrs
 import numpy as np
@@ -16,6 +16,7 @@ from ..estimation.chi_square import p_value, quantile, tail
 from ..estimation.linearized import Linearized
 from ..estimation.measurements.kind import POINTS, Measurement
 from ..estimation.places import free
+from ..forward.equilibrium import Equilibrium
 from ..layout.ends import Ends
 from ..layout.observables import Observable, Somewhere, arc_length_of
 from ..robot.names import symbol
@@ -35,9 +36,6 @@ from .uncertainty import (
     is_factor,
     taking_part,
 )
-
-if TYPE_CHECKING:
-    from ..forward.equilibrium import Equilibrium
 
 REJECTED = 1e-3  # probability of the residuals' chi-square below which the given noise level is not believed
 _EXACT = 1e-5  # of the noise level (of 1 mm, 1 mrad, ... where none was given): computed data leave such residuals
