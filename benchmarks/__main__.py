@@ -1,6 +1,6 @@
 """How fast, how exact: prints one table, how times grow and memory, and draws error against time.
 
-See docs/performance.md.
+See docs/evidence/performance.md.
 """
 
 import argparse

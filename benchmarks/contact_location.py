@@ -1,4 +1,4 @@
-"""Do the sets of a contact's place hold? ``python -m benchmarks.contact_location``; see docs/contacts.md.
+"""Do the sets of a contact's place hold? ``python -m benchmarks.contact_location``; see docs/how_to/contacts.md.
 
 Robots A and B of problems/three_tubes and RJW-S1, pressed at places and by forces that are drawn anew every time, and
 seen at twelve points along the backbone.

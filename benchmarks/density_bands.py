@@ -1,4 +1,4 @@
-"""Do the bands of distributed forces hold? ``python -m benchmarks.density_bands``; see docs/contacts.md.
+"""Do the bands of distributed forces hold? ``python -m benchmarks.density_bands``; see docs/how_to/contacts.md.
 
 Robots A and B of problems/three_tubes and RJW-S1 under smooth forces per length that are drawn anew every time, seen at
 thirty points along the backbone. Units of a density: bending stiffness of the innermost tube over the cubed length.

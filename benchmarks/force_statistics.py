@@ -1,4 +1,4 @@
-"""Do the errors of estimated forces hold, and is a wrong model noticed? See docs/force_statistics.md.
+"""Do the errors of estimated forces hold, and is a wrong model noticed? See docs/evidence/force_statistics.md.
 
 ``python -m benchmarks.force_statistics``: true shapes of three robots under a force or wrench at the tip, points along
 them with new noise in every trial, seeded by its number; where there is a prior, the truth is drawn from it. Robots

@@ -1,4 +1,4 @@
-"""Does a stream of forces hold out? 10,000 samples at 100 Hz; see docs/force_stream.md for what came out.
+"""Does a stream of forces hold out? 10,000 samples at 100 Hz; see docs/how_to/force_stream.md for what came out.
 
 Robot B of problems/three_tubes in motion, its tip force wandering, seen in 20 points; samples are dropped, late, or
 wild. Run: ``python -m benchmarks.force_stream``, or ``--samples 1000``; with ``--rough``, wild samples come in bursts,

@@ -1,6 +1,6 @@
 """Which transcription, and when? Error against work, and robustness from the straight guess.
 
-``python -m benchmarks.transcriptions`` prints the tables of docs/transcriptions.md; its figure is drawn by
+``python -m benchmarks.transcriptions`` prints the tables of docs/explanation/transcriptions.md; its figure is drawn by
 ``python -m benchmarks``.
 """
 

@@ -23,7 +23,7 @@ def test_the_code_in_the_readme_runs(capsys):
 
 
 def test_the_table_of_the_experiments_is_what_its_code_prints(capsys):
-    path = "docs/experiments.md"
+    path = "docs/evidence/experiments.md"
     (code,) = blocks(path, "python")
     exec(code, {})
     lines = capsys.readouterr().out.splitlines()
@@ -33,14 +33,14 @@ def test_the_table_of_the_experiments_is_what_its_code_prints(capsys):
 
 
 def test_the_commands_of_the_experiments_name_files_that_exist():
-    words = " ".join(blocks("docs/experiments.md", "sh")).split()
+    words = " ".join(blocks("docs/evidence/experiments.md", "sh")).split()
     files = [word for word in words if "/" in word]
     assert len(files) > 5
     assert all(Path(file).exists() for file in files)
 
 
 def test_the_code_of_the_transcriptions_runs():
-    (code,) = blocks("docs/transcriptions.md", "python")
+    (code,) = blocks("docs/explanation/transcriptions.md", "python")
     scope = {}
     exec(code, scope)
     pose = ctr.Actuation([1.0, 0.0], [-0.1547, -0.0307])
@@ -52,14 +52,14 @@ def test_the_code_of_the_transcriptions_runs():
 @pytest.mark.usefixtures("compiling")
 def test_the_code_of_the_calibration_runs(capsys):
     scope = {}
-    exec("".join(blocks("docs/calibration.md", "python")), scope)
+    exec("".join(blocks("docs/how_to/calibration.md", "python")), scope)
     assert "sum of distances" in capsys.readouterr().out
     assert abs(scope["touch"].force).max() < 1e-6  # N: from a tip that nothing pushed
     assert scope["calibrated"].tubes[0].bending_stiffness == scope["fit"].values["tubes[0].bending_stiffness"]
 
 
 def test_the_code_of_force_estimation_runs(capsys):
-    (code,) = blocks("docs/force_estimation.md", "python")
+    (code,) = blocks("docs/how_to/force_estimation.md", "python")
     scope = {}
     exec(code, scope)
     assert "force.x" in capsys.readouterr().out
@@ -68,7 +68,7 @@ def test_the_code_of_force_estimation_runs(capsys):
 
 
 @pytest.mark.usefixtures("compiling")
-@pytest.mark.parametrize("page", ["what_shape_tells", "from_points_to_force"])
+@pytest.mark.parametrize("page", ["explanation/what_shape_tells", "start/from_points_to_force"])
 def test_pages_are_what_their_code_prints(page, capsys):
     """Pieces of code one behind the other, each with what it prints."""
     path = f"docs/{page}.md"
@@ -77,7 +77,7 @@ def test_pages_are_what_their_code_prints(page, capsys):
 
 
 def test_the_code_of_the_force_stream_runs(capsys):
-    (code,) = blocks("docs/force_stream.md", "python")
+    (code,) = blocks("docs/how_to/force_stream.md", "python")
     scope = {}
     exec(code, scope)
     assert "used: force.x = " in capsys.readouterr().out
@@ -86,7 +86,7 @@ def test_the_code_of_the_force_stream_runs(capsys):
 
 
 def test_the_file_of_a_calibration_loads(tmp_path):
-    (text,) = blocks("docs/calibration.md", "toml")
+    (text,) = blocks("docs/how_to/calibration.md", "toml")
     (tmp_path / "my_robot.toml").write_text(text)
     for name, source in (("robot.toml", "robot_b.toml"), ("tip_poses.csv", "tip_poses.csv")):
         (tmp_path / name).write_text(Path("problems/three_tubes", source).read_text("utf-8"))
@@ -101,7 +101,7 @@ def test_the_readme_has_exactly_two_commands():
 
 
 def test_the_files_in_the_docs_load(tmp_path):
-    robot, problem, plan, force, unknown = blocks("docs/files.md", "toml")
+    robot, problem, plan, force, unknown = blocks("docs/reference/files.md", "toml")
     second = robot[robot.index("[[tubes]]") :].replace("inner", "outer").replace("1.25 mm", "2 mm")
     second = second.replace("1.75 mm", "2.4 mm").replace('outer_diameter = "2 mm"', 'inner_diameter = "2 mm"', 1)
     second = re.sub(r'outer_diameter = "2 mm".*\n', "", second)
@@ -111,7 +111,7 @@ def test_the_files_in_the_docs_load(tmp_path):
     (tmp_path / "load.csv").write_text("0, 1, 0, 0, 0, 0, 0\n0.1, 1, 0, 0, 0, 0, 0\n")
     assert len(ctr.load_problem(tmp_path / "problem.toml").loads) == 7
     (tmp_path / "plan.toml").write_text(plan)
-    (tmp_path / "plan.csv").write_text(*blocks("docs/files.md", "csv"))
+    (tmp_path / "plan.csv").write_text(*blocks("docs/reference/files.md", "csv"))
     assert len(ctr.load_plan(tmp_path / "plan.toml").problems) == 1
     (tmp_path / "force.toml").write_text(force)
     (tmp_path / "points.csv").write_text("x [mm], y [mm], z [mm]\n0, 0, 50\n1, 0, 100\n")
@@ -122,7 +122,7 @@ def test_the_files_in_the_docs_load(tmp_path):
     assert len(load_force_problem(tmp_path / "others.toml").problem.unknown) == 4
 
 
-@pytest.mark.parametrize("path", ["docs/theory.md"])
+@pytest.mark.parametrize("path", ["docs/explanation/theory.md"])
 def test_modules_named_in_the_docs_exist(path):
     text = Path(path).read_text("utf-8")
     named = set(re.findall(r"`((?:robot|mechanics|transcription|solvers|tests)/\w+\.py)(?:: ([\w.]+))?`", text))
@@ -135,7 +135,7 @@ def test_modules_named_in_the_docs_exist(path):
 
 
 def test_the_code_of_the_inverse_kinematics_runs(capsys):
-    (code,) = blocks("docs/inverse_kinematics.md", "python")
+    (code,) = blocks("docs/how_to/inverse_kinematics.md", "python")
     scope = {}
     exec(code, scope)
     assert "converged" in capsys.readouterr().out

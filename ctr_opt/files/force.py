@@ -101,7 +101,7 @@ def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn"
     ----------
     path
         A TOML file with a robot, ``[actuation]``, ``[[measurements]]``, ``[[unknown]]`` and, if any are known,
-        ``[[loads]]``; see ``docs/files.md``. Tables that it names are looked for beside it.
+        ``[[loads]]``; see ``docs/reference/files.md``. Tables that it names are looked for beside it.
     on_overlap
         As in :func:`load_robot`.
 

@@ -148,7 +148,7 @@ def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> P
     Parameters
     ----------
     path
-        A TOML file; see ``docs/files.md``.
+        A TOML file; see ``docs/reference/files.md``.
     on_overlap
         As in :func:`load_robot`.
 

@@ -38,7 +38,7 @@ class Equilibrium:
     shape of a solve that failed raises ``SolveError``.
 
     Derivatives are exact except for the error of the solution itself: they follow from the implicit-function theorem
-    (``docs/derivatives.md``). Where break points coincide, or one stands at the entry point, those that move them apart
+    (``docs/how_to/derivatives.md``). Where break points coincide, or one stands at the entry point, those that move them apart
     are one-sided: ``side = +1`` is the derivative for a growing parameter (an advancing tube), ``-1`` that for a
     shrinking one. :attr:`kinks` lists the tubes that stand so.
     """
@@ -393,7 +393,7 @@ class Equilibrium:
         wrt
             A parameter's name, or several: ``"rotations"``, ``"translations"``, ``"tubes[0].bending_stiffness"``,
             ``"tubes[0].precurvature[1].curvature"``, ``"loads[0].force"``, ``"base.rotation"``; a wrong name's error
-            lists all there are, and see ``docs/derivatives.md``.
+            lists all there are, and see ``docs/how_to/derivatives.md``.
         order
             1 or 2. Second derivatives of a rotation are those of the rotation vector from the pose as it is.
         side

@@ -60,7 +60,7 @@ class InverseKinematicsProblem:
 
     Notes
     -----
-    ``docs/inverse_kinematics.md``. Searches are damped Gauss-Newton steps with the exact Jacobian within the limits,
+    ``docs/how_to/inverse_kinematics.md``. Searches are damped Gauss-Newton steps with the exact Jacobian within the limits,
     each solved on the branch of the shape before it; break points are sorted again in every solve.
 
     Examples

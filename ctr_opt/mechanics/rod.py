@@ -1,7 +1,7 @@
 """The differential equations of the externally loaded robot, in internal moments.
 
 The paper's (2), (12), (16), (19), (20), rewritten in states without derivatives of the preset curvature or the
-stiffness; see ``docs/theory.md`` for each equation. All quantities are dimensionless or all SI, alike.
+stiffness; see ``docs/explanation/theory.md`` for each equation. All quantities are dimensionless or all SI, alike.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Fifty repetitions of a calibration with new noise: intervals cover, errors reach the bound, covariances are right.
 
 Bands hold all but once in a thousand for right errors; the seed is fixed, so that it stays so. The 500 repetitions of
-docs/calibration_statistics.md are narrower.
+docs/evidence/calibration_statistics.md are narrower.
 """
 
 import numpy as np

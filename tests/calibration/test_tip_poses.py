@@ -195,7 +195,7 @@ def elsewhere(text, folder):
 
 
 def test_the_file_in_the_docs_is_one(tmp_path):
-    (text,) = re.findall(r"```toml\n(.*?)```", Path("docs/calibration.md").read_text("utf-8"), re.S)
+    (text,) = re.findall(r"```toml\n(.*?)```", Path("docs/how_to/calibration.md").read_text("utf-8"), re.S)
     found = load_calibration(elsewhere(text.replace('"robot.toml"', '"robot_b.toml"'), tmp_path))
     assert len(found.held) == 200
     assert found.parameters[2] == ctr.Parameter("precurvature of tube 0", tied="tubes[0].precurvature[1].curvature")

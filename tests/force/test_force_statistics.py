@@ -1,4 +1,4 @@
-"""Sixty trials of each force estimate, and some of each error of the model; docs/force_statistics.md has more.
+"""Sixty trials of each force estimate, and some of each error of the model; docs/evidence/force_statistics.md has more.
 
 Bands hold all but once in a thousand for right errors; the seed is fixed, so that it stays so.
 """

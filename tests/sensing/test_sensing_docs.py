@@ -1,4 +1,4 @@
-"""The code of docs/sensing.md runs, and its benchmark measures what it says."""
+"""The code of docs/how_to/sensing.md runs, and its benchmark measures what it says."""
 
 import re
 from pathlib import Path
