@@ -81,8 +81,8 @@ def test_the_code_of_the_force_stream_runs(capsys):
     scope = {}
     exec(code, scope)
     assert "used: force.x = " in capsys.readouterr().out
-    assert (scope["lost"].deviations > scope["found"].deviations).all()
-    assert abs(scope["found"].force - [0.05, 0.0, 0.0]).max() < 4.0 * scope["found"].deviations.max()
+    assert (scope["lost"].deviations > scope["estimate"].deviations).all()
+    assert abs(scope["estimate"].force - [0.05, 0.0, 0.0]).max() < 4.0 * scope["estimate"].deviations.max()
 
 
 def test_the_file_of_a_calibration_loads(tmp_path):
@@ -141,3 +141,9 @@ def test_the_code_of_the_inverse_kinematics_runs(capsys):
     assert "converged" in capsys.readouterr().out
     assert scope["near"].converged
     assert scope["path"].position_errors.max() < 1e-6
+
+
+def test_the_code_of_the_derivatives_runs(capsys):
+    (code,) = blocks("docs/how_to/derivatives.md", "python")
+    exec(code, {})
+    assert capsys.readouterr().out == "(6, 4) (6, 6) (3,) (3, 5) (2, 2)\n"
