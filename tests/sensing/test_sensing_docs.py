@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_the_code_runs(capsys):
-    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "sensing.md").read_text("utf-8"), re.S)
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "how_to" / "sensing.md").read_text("utf-8"), re.S)
     scope = {}
     exec(code, scope)
     np.testing.assert_allclose(scope["seen"].points, scope["grid"], atol=1e-12)
