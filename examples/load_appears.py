@@ -1,7 +1,7 @@
 """A tip follows a circle and, half-way, something pulls at it: what then?
 
-The plan goes on to be right for the free robot only: the tip leaves the circle by millimetres. From the shape that the
-load has made of the robot the rest is planned anew, without a jump and through stable shapes, on the circle again.
+The first plan is right for the free robot only: under the load the tip leaves the circle by millimetres. A second plan
+starts from the loaded shape. It returns to the circle without a jump, through stable shapes only.
 `python load_appears.py figure.png` draws docs/figures/load_appears.png.
 """
 
@@ -31,37 +31,37 @@ under = problem.forward.solve_many(
 )
 missed = np.linalg.norm(under.tip_position - free.tip_positions[half:], axis=1)
 
-# ... and the plan anew: the current shape is loaded first, then led back to the circle.
-anew = problem.solve_path(circle[24:], pull, initial=free.equilibria[half])
-steps = np.abs(np.diff(anew.actuations, axis=0)).max(axis=0)
+# ... and the second plan: the current shape is loaded first, then led back to the circle.
+replanned = problem.solve_path(circle[24:], pull, initial=free.equilibria[half])
+steps = np.abs(np.diff(replanned.actuations, axis=0)).max(axis=0)
 
 print(f"free: {len(free)} points, at most {1e9 * free.position_errors.max():.0f} nm off")
 print(f"the old plan under the load: off by {1e3 * missed.min():.1f} to {1e3 * missed.max():.1f} mm")
-print(f"planned anew: {len(anew)} points, at most {1e9 * anew.position_errors.max():.0f} nm off")
+print(f"planned again: {len(replanned)} points, at most {1e9 * replanned.position_errors.max():.0f} nm off")
 print(f"longest step of a joint: {np.rad2deg(steps[:3].max()):.1f} deg, {1e3 * steps[3:].max():.2f} mm")
 assert missed.min() > 1e-3
-assert max(free.position_errors.max(), anew.position_errors.max()) < 1e-6
+assert max(free.position_errors.max(), replanned.position_errors.max()) < 1e-6
 assert steps[:3].max() <= 0.2
 assert steps[3:].max() <= 5e-3
-assert all(shape.is_stable for shape in anew.equilibria)
+assert all(shape.is_stable for shape in replanned.equilibria)
 
 if len(sys.argv) > 1:
     import matplotlib.pyplot as plt
 
-    figure, (top, joints) = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
-    for positions, style in ((free.tip_positions, "C0-"), (under.tip_position, "C3--"), (anew.tip_positions, "C2.-")):
-        top.plot(1e3 * positions[:, 0], 1e3 * positions[:, 1], style)
-    top.legend(
-        ["planned, free", "the old plan under the load", "planned anew"],
-        loc="upper center",
-        bbox_to_anchor=(0.46, 0.71),
-        fontsize="small",
-    )
-    top.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title="the tip, from above")
-    for k, color in enumerate(("C0", "C1", "C2")):
-        joints.plot(np.rad2deg(free.actuations[:, k]), color, label=f"tube {k}")
-        after = np.vstack((free.actuations[half], anew.actuations))
-        joints.plot(half + np.arange(len(after)), np.rad2deg(after[:, k]), color + "--")
-    joints.legend()
-    joints.set(xlabel="point", ylabel="rotation, deg", title="rotations: planned, and anew (dashed)")
+    figure, (top, joints) = plt.subplots(1, 2, figsize=(10.0, 4.8), layout="constrained")
+    paths = {
+        "planned for the free robot": (free.tip_positions, "C0-"),
+        "the same joints under the load": (under.tip_position, "C3--"),
+        "planned again under the load": (replanned.tip_positions, "C2.-"),
+    }
+    for label, (positions, style) in paths.items():
+        top.plot(1e3 * positions[:, 0], 1e3 * positions[:, 1], style, label=label)
+    top.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", title="Tip, seen along z")
+    top.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), frameon=False)
+    after = np.vstack((free.actuations[half], replanned.actuations))
+    for k, tube in enumerate(robot.tubes):
+        joints.plot(np.rad2deg(free.actuations[:, k]), f"C{k}", label=tube.name)
+        joints.plot(half + np.arange(len(after)), np.rad2deg(after[:, k]), f"C{k}--")
+    joints.set(xlabel="point of the path", ylabel="rotation (deg)", title="Rotations: first plan, and second (dashed)")
+    joints.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), frameon=False, ncols=3)
     save_figure(figure, sys.argv[1])
