@@ -45,7 +45,7 @@ if len(sys.argv) > 1:
         """Shape and forces up to a sample."""
         side.clear()
         side.plot(1e3 * points[k][:, 0], 1e3 * points[k][:, 2], "k")
-        side.set(xlim=(-60, 60), ylim=(0, 160), xlabel="x (mm)", ylabel="z (mm)", aspect="equal")
+        side.set(xlim=(-60, 60), ylim=(0, 160), xlabel="x [mm]", ylabel="z [mm]", aspect="equal")
         plot.clear()
         for i, axis in enumerate("xyz"):
             plot.plot(times[: k + 1], estimates[: k + 1, i], f"C{i}", label=f"force.{axis}")

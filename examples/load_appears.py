@@ -56,12 +56,12 @@ if len(sys.argv) > 1:
     }
     for label, (positions, style) in paths.items():
         top.plot(1e3 * positions[:, 0], 1e3 * positions[:, 1], style, label=label)
-    top.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", title="Tip, seen along z")
+    top.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", title="Tip, seen along z")
     top.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), frameon=False)
     after = np.vstack((free.actuations[half], replanned.actuations))
     for k, tube in enumerate(robot.tubes):
         joints.plot(np.rad2deg(free.actuations[:, k]), f"C{k}", label=tube.name)
         joints.plot(half + np.arange(len(after)), np.rad2deg(after[:, k]), f"C{k}--")
-    joints.set(xlabel="point of the path", ylabel="rotation (deg)", title="Rotations: first plan, and second (dashed)")
+    joints.set(xlabel="point of the path", ylabel="rotation [deg]", title="Rotations: first plan, and second (dashed)")
     joints.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), frameon=False, ncols=3)
     save_figure(figure, sys.argv[1])
