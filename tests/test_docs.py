@@ -10,6 +10,13 @@ from ctr_opt.files.calibration import load_calibration
 from ctr_opt.files.force import load_force_problem
 
 
+PAGES = (  # pieces of code one behind the other, each with what it prints
+    "explanation/what_shape_tells",
+    "start/first_shape",
+    "start/from_points_to_force",
+)
+
+
 def blocks(path, language):
     return re.findall(rf"```{language}\n(.*?)```", Path(path).read_text("utf-8"), re.S)
 
@@ -68,9 +75,8 @@ def test_the_code_of_force_estimation_runs(capsys):
 
 
 @pytest.mark.usefixtures("compiling")
-@pytest.mark.parametrize("page", ["explanation/what_shape_tells", "start/from_points_to_force"])
+@pytest.mark.parametrize("page", PAGES)
 def test_pages_are_what_their_code_prints(page, capsys):
-    """Pieces of code one behind the other, each with what it prints."""
     path = f"docs/{page}.md"
     exec("".join(blocks(path, "python")), {})
     assert capsys.readouterr().out == "".join(blocks(path, "text"))

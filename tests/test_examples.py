@@ -12,8 +12,11 @@ SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 FIGURES = {
     "fig5": EXAMPLES / "precurvature_of_a_tube.py",
     "fig9": EXAMPLES / "loaded.py",
+    "first_shape": EXAMPLES / "first_shape.py",
     "inverse_kinematics": EXAMPLES / "inverse_kinematics.py",
     "load_appears": EXAMPLES / "load_appears.py",
+    "random_workspace": EXAMPLES / "random_workspace.py",
+    "strains_to_force": EXAMPLES / "strains_to_force.py",
     "unknown_contact": EXAMPLES / "unknown_contact.py",
 } | {path.stem: path for path in (EXAMPLES / "figures").glob("*.py")}
 DOCS = EXAMPLES.parent / "docs" / "figures"
