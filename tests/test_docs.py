@@ -12,6 +12,7 @@ from ctr_opt.files.force import load_force_problem
 
 PAGES = (  # pieces of code one behind the other, each with what it prints
     "explanation/what_shape_tells",
+    "how_to/from_strains_to_force",
     "how_to/workspaces_and_batches",
     "start/first_shape",
     "start/from_points_to_force",
