@@ -9,9 +9,9 @@ import ctr_opt as ctr
 from ctr_opt.files.calibration import load_calibration
 from ctr_opt.files.force import load_force_problem
 
-
 PAGES = (  # pieces of code one behind the other, each with what it prints
     "explanation/what_shape_tells",
+    "how_to/control_loops_and_rates",
     "how_to/from_strains_to_force",
     "how_to/workspaces_and_batches",
     "start/first_shape",

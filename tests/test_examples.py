@@ -12,6 +12,7 @@ SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 FIGURES = {
     "fig5": EXAMPLES / "precurvature_of_a_tube.py",
     "fig9": EXAMPLES / "loaded.py",
+    "control_loop": EXAMPLES / "control_loop.py",
     "first_shape": EXAMPLES / "first_shape.py",
     "inverse_kinematics": EXAMPLES / "inverse_kinematics.py",
     "load_appears": EXAMPLES / "load_appears.py",
