@@ -1,4 +1,6 @@
-"""Do a calibration's errors hold? ``python -m benchmarks.calibration_statistics``; see docs/evidence/calibration_statistics.md.
+"""Do a calibration's errors hold? ``python -m benchmarks.calibration_statistics``.
+
+The results stand in docs/evidence/calibration_statistics.md.
 
 The problem of problems/rjw_s1/calibration.toml without its outlier: the true shapes are solved once, every repetition
 draws new noise, seeded by its number, and fits from nominal parameters.

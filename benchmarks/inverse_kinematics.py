@@ -1,4 +1,6 @@
-"""Are targets reached, and how fast? ``python -m benchmarks.inverse_kinematics``; see docs/how_to/inverse_kinematics.md.
+"""Are targets reached, and how fast? ``python -m benchmarks.inverse_kinematics``.
+
+The results stand in docs/how_to/inverse_kinematics.md.
 
 Targets are tips of random allowed actuations whose cold solve is stable, seeded: rotations within a turn, translations
 within the tubes' lengths, tubes in order. Each is solved from home; then one to which the tip is moved by at most 1 mm

@@ -1,4 +1,4 @@
-"""Does every solve end in an equilibrium or an honest failure? Seeded; see docs/evidence/robustness.md for what came out.
+"""Does every solve end in an equilibrium or an honest failure? Seeded; results in docs/evidence/robustness.md.
 
 Parts: ``conservative`` (a), ``moments`` (b), ``shapes`` (c), ``memory`` (d), ``fuzz``.
 Run: ``python -m benchmarks.robustness`` for all of them, ``--part moments --count 100 --seed 3`` for one.

@@ -1,8 +1,8 @@
 """From which directions can a tip come to one point, while a load pulls at it?
 
-Three tubes have six joints. A position leaves three of them free: the answer nearest to the start is returned. A position
-and an axis leave one. A target out of reach is reported, with the nearest shape. `python inverse_kinematics.py figure.png` draws
-docs/figures/inverse_kinematics.png.
+Three tubes have six joints. A position leaves three of them free: the answer nearest to the start is returned. A
+position and an axis leave one. A target out of reach is reported, with the nearest shape.
+`python inverse_kinematics.py figure.png` draws docs/figures/inverse_kinematics.png.
 """
 
 import sys

@@ -155,3 +155,21 @@ def test_the_code_of_the_derivatives_runs(capsys):
     (code,) = blocks("docs/how_to/derivatives.md", "python")
     exec(code, {})
     assert capsys.readouterr().out == "(6, 4) (6, 6) (3,) (3, 5) (2, 2)\n"
+
+
+def anchors(page):
+    """What links may point to in a page: its headings, as they are made by sites that show Markdown."""
+    text = re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.S)
+    headings = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", line) for line in re.findall(r"^#+ (.*)$", text, re.M)]
+    return {re.sub(r"[^\w\- ]", "", line.strip().lower()).replace(" ", "-") for line in headings}
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *map(str, sorted(Path("docs").rglob("*.md")))])
+def test_links_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", Path(page).read_text("utf-8"), flags=re.S)
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not link.startswith("http"):
+            target, _, anchor = link.partition("#")
+            file = Path(page).parent / target if target else Path(page)
+            assert file.exists(), link
+            assert not anchor or anchor in anchors(file), link

@@ -60,8 +60,8 @@ class InverseKinematicsProblem:
 
     Notes
     -----
-    ``docs/how_to/inverse_kinematics.md``. Searches are damped Gauss-Newton steps with the exact Jacobian within the limits,
-    each solved on the branch of the shape before it; break points are sorted again in every solve.
+    ``docs/how_to/inverse_kinematics.md``. Searches are damped Gauss-Newton steps with the exact Jacobian within the
+    limits, each solved on the branch of the shape before it; break points are sorted again in every solve.
 
     Examples
     --------
