@@ -233,7 +233,7 @@ class ForwardProblem:
 
         Examples
         --------
-        >>> import ctr_opt as ctr
+        >>> import numpy as np, ctr_opt as ctr
         >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
         >>> problem = ctr.ForwardProblem(ctr.Robot([tube]))
         >>> shape = problem.solve(ctr.Actuation([0.0], [0.0]))
