@@ -78,7 +78,7 @@ class Experiment:
 
     def framed(self, ends: Ends) -> tuple[Observable, ...]:
         """The same for a robot whose tubes end at ``ends``: see :meth:`Observable.framed`."""
-        return tuple(one.framed(ends) for one in self.observables)
+        return tuple(one if one.frame is not None else one.framed(ends) for one in self.observables)
 
     def check_robot(self, tubes: int, where: str = "") -> None:
         """Refuse an actuation or measurements of another robot than one of so many tubes."""
@@ -90,10 +90,15 @@ class Experiment:
 
     def check_places(self, ends: Ends, where: str = "") -> None:
         """Refuse measurements where the robot is not, or not the tube that is meant; ``where`` begins the message."""
+        furthest = {None: ends.length + ends.slack} | {i: end + ends.slack for i, end in enumerate(ends.points)}
+        everywhere = min(furthest.values())
         for k, measurement in enumerate(self.measurements):
             for one in measurement.observables:
-                s = 0.0 if isinstance(one.place, Somewhere) else arc_length_of(one.place, ends)
-                if s < 0.0 or not ends.reaches(one.on, s):
+                place = one.place
+                if isinstance(place, float) and 0.0 <= place <= everywhere:
+                    continue
+                s = 0.0 if isinstance(place, Somewhere) else arc_length_of(place, ends)
+                if not 0.0 <= s <= furthest[one.on]:
                     whose = "the robot" if one.on is None else f"tube {one.on}"
                     raise DefinitionError(
                         f"{where}measurements[{k}] is at s = {s:g} m, but {whose} reaches from 0 to "

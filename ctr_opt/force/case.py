@@ -146,10 +146,10 @@ class Case:
         ends = Ends.of_robot(robot, experiment.actuation.translations)
         experiment.check_places(ends)
         unknown, observables = tuple(one.placed(ends) for one in unknown), experiment.framed(ends)
-        numbered = Numbered.of(unknown, len(experiment.loads))
-        before = next((case for case in kept if case.serves(experiment, observables, ends, errors, numbered)), None)
+        before = next((case for case in kept if case.serves(experiment, observables, ends, errors, unknown)), None)
         if before is not None:
             return before.again(experiment, ends)
+        numbered = Numbered.of(unknown, len(experiment.loads))
         every = (*experiment.loads, *numbered.templates)
         configuration = Configuration(robot, experiment.actuation, every)
         model = loaded_model(
@@ -175,7 +175,7 @@ class Case:
         observables: tuple[Observable, ...],
         ends: Ends,
         errors: Errors,
-        numbered: Numbered,
+        unknown: tuple[UnknownLoad, ...],
     ) -> bool:
         """Whether its model serves another experiment, too, with the same unknown loads, as they are placed there."""
         before = self.experiment
@@ -184,7 +184,7 @@ class Case:
             and [type(one) for one in before.measurements] == [type(one) for one in experiment.measurements]
             and before.loads == experiment.loads
             and self.ends.innermost() == ends.innermost()
-            and self.numbered.templates == numbered.templates
+            and self.numbered.serves(unknown)
             and self.errors.names == errors.names
             and np.array_equal(self.errors.spread, errors.spread)
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -49,6 +50,12 @@ class Numbered:
             labels += [prefix + label for number in numbers for label in number.labels]
             templates += one.loads()
         return cls(unknown, first, tuple(templates), tuple(names), tuple(labels), tuple(parts))
+
+    def serves(self, unknown: tuple[UnknownLoad, ...]) -> bool:
+        """Whether the loads that stand for other unknown loads are these."""
+        if len(unknown) == len(self.unknown) and all(map(operator.is_, unknown, self.unknown)):
+            return True
+        return self.templates == tuple(load for one in unknown for load in one.loads())
 
     @cached_property
     def fields(self) -> list[str]:

@@ -239,8 +239,11 @@ class _AtTip(UnknownLoad):
 
     def placed(self, ends: Ends) -> Self:
         """At the end of the innermost tube at the tip."""
+        tube = ends.innermost()
+        if tube == self.tube:
+            return self
         placed = copy(self)
-        object.__setattr__(placed, "tube", ends.innermost())
+        object.__setattr__(placed, "tube", tube)
         return placed
 
 

@@ -186,7 +186,7 @@ class Structure:
         self.address = ctypes.addressof(self._struct)
         for name, x in values.items():
             if isinstance(x, np.ndarray):  # an address, as pointers of a kind take long to make
-                _ROOM.from_address(self.address + getattr(struct, name).offset).value = x.ctypes.data
+                _ROOM.from_address(self.address + getattr(struct, name).offset).value = x.__array_interface__["data"][0]
             else:
                 setattr(self._struct, name, x)
 
