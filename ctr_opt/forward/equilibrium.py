@@ -39,8 +39,8 @@ class Equilibrium:
 
     Derivatives are exact except for the error of the solution itself: they follow from the implicit-function theorem
     (``docs/how_to/derivatives.md``). Where break points coincide, or one stands at the entry point, those that move
-    them apart are one-sided: ``side = +1`` is the derivative for a growing parameter (an advancing tube), ``-1`` that for a
-    shrinking one. :attr:`kinks` lists the tubes that stand so.
+    them apart are one-sided: ``side = +1`` is the derivative for a growing parameter (an advancing tube), ``-1`` that
+    for a shrinking one. :attr:`kinks` lists the tubes that stand so.
     """
 
     def __init__(self, record: Record, last: Equilibrium | None = None) -> None:
