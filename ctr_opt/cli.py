@@ -1,4 +1,4 @@
-"""The command line: ``ctr-opt solve``, ``ctr-opt list``, ``ctr-opt check``."""
+"""The command line: ``ctr-opt solve``, ``estimate``, ``calibrate``, ``list`` and ``check``."""
 
 from __future__ import annotations
 
@@ -21,12 +21,14 @@ from .errors import CtrOptError, DefinitionError, EstimationError, SolveError
 
 _FILE = click.Path(path_type=Path)
 _BAD_INPUT, _NOT_SOLVED = 2, 1
-_STOPPED = 128  # and the number of the signal: as shells tell it
-_GRACE = 2.0  # seconds from a signal on, for cleaning up
+_STOPPED = 128  # plus the number of the signal, as shells report it
+_GRACE = 2.0  # seconds for cleaning up after a signal
+_KINDS = {"experiments": ("a calibration file", "calibrate"), "measurements": ("a force file", "estimate")}
+"""Kinds of files with a command of their own, by the key that only they have."""
 
 
 class _Group(click.Group):
-    """Tells the package's errors in a sentence: exit code 2 for wrong input, 1 where no equilibrium was found."""
+    """A group of commands that prints the package's errors; exit code 2 for wrong input, 1 for a failed solve."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -52,12 +54,16 @@ def cli(verbose: bool) -> None:
 
 @cli.command()
 @click.argument("problem", type=_FILE)
-@click.option("--output", type=_FILE, help="Write the shape: .csv, .npz or .json.")
-@click.option("--figure", type=_FILE, help="Draw the robot, unloaded and loaded: .png, .pdf or .svg.")
+@click.option("--output", type=_FILE, help="Write the shape to this .csv, .npz or .json file.")
+@click.option("--figure", type=_FILE, help="Draw the robot, unloaded and loaded, to this .png, .pdf or .svg file.")
 @click.option(
-    "--formulation", type=click.Choice(["automatic", "equilibrium", "energy"]), help="In place of the file's."
+    "--formulation",
+    type=click.Choice(["automatic", "equilibrium", "energy"]),
+    help="Use this formulation instead of the one in the file.",
 )
-@click.option("--tolerance", type=float, help="Accepted position error over the length, in place of the file's.")
+@click.option(
+    "--tolerance", type=float, help="Accept this position error, divided by the length, instead of the file's."
+)
 @click.option("--verify", is_flag=True, help="Check the shape with an independent adaptive integrator.")
 def solve(
     problem: Path,
@@ -67,7 +73,7 @@ def solve(
     tolerance: float | None,
     verify: bool,
 ) -> None:
-    """Solve a problem file and print a report, or every case of a plan and print a line each."""
+    """Solve a problem file and print a report, or solve every case of a plan and print one line for each."""
     from .files.figures import FIGURES, save_figure
     from .files.plans import is_plan
     from .files.problem import load_problem, save_shape
@@ -83,18 +89,19 @@ def solve(
     if is_plan(problem):
         if output is not None or figure is not None:
             raise DefinitionError(
-                f"{problem} is a plan of many shapes: --output and --figure write one; solve its problems in Python, "
-                "by load_plan, to write them"
+                f"{problem} is a plan of many shapes, but --output and --figure write one shape: read the plan with "
+                "load_plan in Python and write its shapes there"
             )
         _solve_plan(problem, arguments, verify)
         return
-    given = load_problem(problem).with_solver(arguments)
-    result = given.solve()
-    click.echo(given.title)
+    _refuse_other_kinds(problem, "solve")
+    loaded = load_problem(problem).with_solver(arguments)
+    result = loaded.solve()
+    click.echo(loaded.title)
     click.echo(result.report())
     if verify:
         click.echo(f"  {'verified':<22}{result.verify():.1e} m from the independent integrator's shape")
-    deviations = given.deviations(result)
+    deviations = loaded.deviations(result)
     for name, (deviation, allowed) in deviations.items():
         click.echo(
             f"  {name + ' ':<22}{_verdict(deviation <= allowed)}: {deviation:.1e} off, {allowed:.1e} allowed (SI)"
@@ -103,11 +110,21 @@ def solve(
         save_shape(result, output)
         click.echo(f"shape written to {output}")
     if figure is not None:
-        unloaded = given.solve(loaded=False) if given.loads else None
+        unloaded = loaded.solve(loaded=False) if loaded.loads else None
         save_figure(figure_equilibrium(result, unloaded), figure)
         click.echo(f"figure written to {figure}")
     if not all(deviation <= allowed for deviation, allowed in deviations.values()):
         sys.exit(_NOT_SOLVED)
+
+
+def _refuse_other_kinds(file: Path, command: str) -> None:
+    """Raise ``DefinitionError`` if another command is meant for this kind of file, and name it."""
+    from .files.text import keys_of
+
+    keys = keys_of(file)
+    for key, (kind, right) in _KINDS.items():
+        if key in keys and right != command:
+            raise DefinitionError(f"{file}: unknown key {key!r}; this is {kind}: run `ctr-opt {right} {file}`")
 
 
 def _verdict(right: bool) -> str:
@@ -115,7 +132,7 @@ def _verdict(right: bool) -> str:
 
 
 def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
-    """Solve every case, with a line each, and sum up."""
+    """Solve every case of a plan, print one line for each, and a summary."""
     from .files.plans import load_plan
 
     plan = load_plan(path)
@@ -152,46 +169,53 @@ def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
 
 @cli.command()
 @click.argument("calibration", type=_FILE)
-@click.option("--report", type=_FILE, help="Write a page in Markdown with figures into this folder.")
+@click.option("--report", type=_FILE, help="Write a Markdown page with figures into this folder.")
 @click.option(
-    "--method", type=click.Choice(["simultaneous", "reduced"]), default="simultaneous", help="How the fit is found."
+    "--method",
+    type=click.Choice(["simultaneous", "reduced"]),
+    default="simultaneous",
+    help="Optimization method (default: simultaneous).",
 )
 def calibrate(calibration: Path, report: Path | None, method: str) -> None:
-    """Estimate a robot's parameters from a table of measured shapes, and print how well they are known."""
+    """Estimate a robot's parameters from a table of measured shapes, and print their uncertainty."""
     from .files.calibration import load_calibration
     from .files.calibration_page import LOSS_NAMES, hold_out_table, write_report
 
-    given = load_calibration(calibration)
-    held_out = f", {len(given.held)} others held out" if given.held else ""
-    click.echo(f"{given.title}: {len(given.experiments)} experiments{held_out}")
+    _refuse_other_kinds(calibration, "calibrate")
+    loaded = load_calibration(calibration)
+    held_out = f", {len(loaded.held)} others held out" if loaded.held else ""
+    click.echo(f"{loaded.title}: {len(loaded.experiments)} experiments{held_out}")
     fits, held = {}, {}
-    for loss in given.losses:
+    for loss in loaded.losses:
         with _Progress(LOSS_NAMES[loss]) as progress:
-            fits[loss] = given.problem(loss).solve(method=method, progress=progress)
+            fits[loss] = loaded.problem(loss).solve(method=method, progress=progress)
         click.echo(fits[loss].report() + "\n")
-        if given.held:
-            held[loss] = fits[loss].tested(given.held)
+        if loaded.held:
+            held[loss] = fits[loss].tested(loaded.held)
             click.echo("\n".join(hold_out_table(fits[loss], held[loss])) + "\n")
     if report is not None:
-        nominal = given.problem(given.losses[0]).nominal()
-        click.echo(f"report written to {write_report(given, nominal, fits, held, report)}")
+        nominal = loaded.problem(loaded.losses[0]).nominal()
+        click.echo(f"report written to {write_report(loaded, nominal, fits, held, report)}")
 
 
 @cli.command()
 @click.argument("problem", type=_FILE)
-@click.option("--figure", type=_FILE, help="Draw shape, measurements and confidence: .png, .pdf or .svg.")
+@click.option(
+    "--figure", type=_FILE, help="Draw shape, measurements and confidence regions to this .png, .pdf or .svg file."
+)
 def estimate(problem: Path, figure: Path | None) -> None:
-    """Estimate the loads on a robot from its measured shape, and print how well they are known."""
+    """Estimate the loads on a robot from its measured shape, and print their uncertainty."""
     from .files.figures import FIGURES, save_figure
     from .files.force import load_force_problem
     from .files.text import check_output
 
     if figure is not None:
         check_output(figure, FIGURES)
-    given = load_force_problem(problem)
-    result = given.solve()
-    click.echo(f"{given.title}\n{result.report()}")
-    verdicts = given.verdicts(result)
+    _refuse_other_kinds(problem, "estimate")
+    loaded = load_force_problem(problem)
+    result = loaded.solve()
+    click.echo(f"{loaded.title}\n{result.report()}")
+    verdicts = loaded.verdicts(result)
     for statement, right in verdicts.items():
         click.echo(f"  {_verdict(right):<22}{statement}")
     if figure is not None:
@@ -202,7 +226,7 @@ def estimate(problem: Path, figure: Path | None) -> None:
 
 
 class _Progress:
-    """A line on the terminal that tells how far an estimation is; nothing where there is no terminal."""
+    """A line on the terminal that shows the progress of an estimation; silent without a terminal."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -224,7 +248,7 @@ class _Progress:
 @cli.command("list")
 @click.argument("folder", type=_FILE, default=Path("problems"))
 def list_problems(folder: Path) -> None:
-    """List the problems and plans below FOLDER (default: ./problems), with their source and expected answer."""
+    """List the problems and plans below FOLDER (default: ./problems) with their sources and expected answers."""
     from .files.plans import find_plans, is_plan, load_plan
     from .files.problem import find_problems, load_problem
 
@@ -245,12 +269,13 @@ def list_problems(folder: Path) -> None:
 
 @cli.command()
 @click.argument("file", type=_FILE)
-@click.option("--strict", is_flag=True, help="Refuse tubes that do not nest, instead of warning of them.")
+@click.option("--strict", is_flag=True, help="Fail if tubes do not nest, instead of printing a warning.")
 def check(file: Path, strict: bool) -> None:
-    """Check a robot file (or a problem or plan) and print what it says."""
+    """Check a robot, problem or plan file and print its contents."""
     from .files.plans import check_plan, is_plan
     from .files.problem import check_file
 
+    _refuse_other_kinds(file, "check")
     check_one = check_plan if is_plan(file) else check_file
     click.echo(check_one(file, on_overlap="error" if strict else "warn"))
 
@@ -260,12 +285,12 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 class _Signals:
-    """SIGINT and SIGTERM, which decide the exit status of a command whatever it is doing.
+    """Handlers of SIGINT and SIGTERM, which decide the exit status of any running command.
 
     The first signal raises ``SystemExit``, so that ``finally`` clauses clean up. That exception can get lost:
-    destructors and the ``except:`` of CasADi's conversions swallow it, and Python replaces it (by the ``RuntimeError``
-    of ``__set_name__``, say), so that the command would end with status 0 or 1. The status is therefore kept here. A
-    second signal, or the end of a grace period, ends the process on the spot.
+    destructors and the ``except:`` of CasADi's conversions swallow it, and Python may replace it (for example by the
+    ``RuntimeError`` of ``__set_name__``). The command would then end with status 0 or 1, so the status is kept here. A
+    second signal, or the end of a grace period, ends the process at once.
     """
 
     def __init__(self) -> None:
@@ -298,7 +323,7 @@ class _Signals:
         return _NOT_SOLVED
 
     def leave(self, status: int) -> None:
-        """End the process, cleaned up as at Python's own exit, which has a last part that is deaf to signals."""
+        """Clean up and end the process; the last part of Python's normal exit would ignore signals."""
         self._leaving = True
         atexit._run_exitfuncs()
         for stream in (sys.stdout, sys.stderr):
@@ -308,9 +333,10 @@ class _Signals:
 
 
 def main() -> None:
-    """Run the command line. After SIGINT or SIGTERM its status is 128 plus the signal, and it leaves no half of a file.
+    """Run the command line and end the process.
 
-    It ends the process; to profile a command, call ``cli``.
+    After SIGINT or SIGTERM the exit status is 128 plus the signal's number, and no partial file is left behind. To
+    profile a command, call ``cli`` instead.
     """
     signals = _Signals()
     signals.leave(signals.run(cli))

@@ -86,6 +86,15 @@ def test_check_says_what_a_file_holds():
         (("solve", PROBLEM, "--figure", "nowhere/shape.png"), "does not exist"),
         (("check", "problems"), "cannot be read"),
         (("list", "nowhere"), "no folder 'nowhere'"),
+        (
+            ("check", "problems/rjw_s1/calibration.toml"),
+            "unknown key 'experiments'; this is a calibration file: run `ctr-opt calibrate "
+            "problems/rjw_s1/calibration.toml`",
+        ),
+        (
+            ("solve", "problems/force_tip/problem.toml"),
+            "unknown key 'measurements'; this is a force file: run `ctr-opt estimate problems/force_tip/problem.toml`",
+        ),
     ],
 )
 def test_wrong_input_ends_with_a_sentence_and_code_2(arguments, words):

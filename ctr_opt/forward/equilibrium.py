@@ -1,4 +1,4 @@
-"""The result of a forward solve: the robot's shape, internal loads, their derivatives, and how well they are known."""
+"""The result of a forward solve: shape, internal loads, derivatives and error estimates."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
 
 
 class Equilibrium:
-    """A shape of the robot in equilibrium, or the record of a solve that found none.
+    """A shape of the robot in equilibrium, or the record of a failed solve.
 
-    Where a value jumps it is the limit from the right; at a tube's end and at ``length``, from the left. A scalar
-    ``s`` gives one value, ``s (k,)`` adds a leading axis. Outside the tube asked for: ``DefinitionError``. The
-    shape of a solve that failed raises ``SolveError``.
+    A scalar ``s`` gives one value; ``s (k,)`` adds a leading axis. Where a value jumps, it is the limit from the right;
+    at a tube's end and at ``length``, from the left. An ``s`` outside the robot or the given tube raises
+    ``DefinitionError``. The shape of a failed solve raises ``SolveError``.
 
-    Derivatives are exact except for the error of the solution itself: they follow from the implicit-function theorem
-    (``docs/how_to/derivatives.md``). Where break points coincide, or one stands at the entry point, those that move
-    them apart are one-sided: ``side = +1`` is the derivative for a growing parameter (an advancing tube), ``-1`` that
-    for a shrinking one. :attr:`kinks` lists the tubes that stand so.
+    Derivatives are exact except for the error of the solution itself. They follow from the implicit-function theorem
+    (``docs/how_to/derivatives.md``). Where break points coincide, or one is at the entry point, derivatives by
+    parameters that separate them are one-sided. ``side = +1`` is the derivative for a growing parameter (an advancing
+    tube), ``side = -1`` for a shrinking one. :attr:`kinks` lists the tubes concerned.
     """
 
     def __init__(self, record: Record, last: Equilibrium | None = None) -> None:
@@ -56,12 +56,12 @@ class Equilibrium:
 
     @property
     def actuation(self) -> Actuation:
-        """Its actuation."""
+        """The actuation."""
         return self.record.actuation
 
     @property
     def loads(self) -> tuple[Load, ...]:
-        """The loads on it."""
+        """The loads on the robot."""
         return self.record.loads
 
     @property
@@ -71,27 +71,27 @@ class Equilibrium:
 
     @property
     def converged(self) -> bool:
-        """Whether this is an equilibrium."""
+        """Whether the solve found an equilibrium."""
         return self.status is SolveStatus.CONVERGED
 
     @property
     def path(self) -> str:
-        """How the solve got here, the methods in their order."""
+        """The methods that the solve tried, in their order."""
         return self.record.outcome.path
 
     @property
     def message(self) -> str:
-        """What was tried and how far it got, if it failed."""
+        """What was tried and how far it got; empty if the solve converged."""
         return self.record.outcome.message
 
     @property
     def reached(self) -> float:
-        """The continuation parameter where the last continuation ended, 1 where it was completed."""
+        """The continuation parameter where the last continuation ended; 1 if it was completed."""
         return self.record.outcome.reached
 
     @property
     def iterations(self) -> int:
-        """Newton and IPOPT iterations together."""
+        """Total number of Newton and IPOPT iterations."""
         return self.record.outcome.iterations
 
     @property
@@ -106,29 +106,28 @@ class Equilibrium:
 
     @property
     def residual_norm(self) -> float:
-        """Largest entry of the boundary residual; moments over ``max(EI) / length``."""
+        """Largest entry of the boundary residual, dimensionless; moments are divided by ``max(EI) / length``."""
         return self.record.outcome.residual_norm
 
     @property
     def discretization_error(self) -> float:
-        """Estimated position error, m, the largest along the backbone.
+        """Estimated largest position error along the backbone, m, rounding included.
 
-        Twice the distance to a solve with half the steps' length (for answers of IPOPT, to first order), rounding
-        included.
+        It is twice the distance to a solve with half the step length (for answers of IPOPT, to first order).
         """
         return self.record.outcome.discretization_error
 
     @property
     def unstable_directions(self) -> int | None:
-        """How many independent variations of the shape lower the potential energy, to second order.
+        """Number of independent variations of the shape that lower the potential energy, to second order.
 
-        The number of negative eigenvalues of the second variation with the tubes' bases held, each counted as often as
-        it occurs. None where it is not defined, as a load has no potential (an applied moment, a load in a tube's
-        frame, an expression), and for a solve that failed.
+        It counts the negative eigenvalues of the second variation with the tubes' bases held, with multiplicity. It is
+        None if a load has no potential (an applied moment, a load in a tube's frame, an expression) and after a failed
+        solve.
 
         Examples
         --------
-        A straight column beyond Euler's load may give way in two planes:
+        A straight column beyond Euler's load can buckle in two planes:
 
         >>> import numpy as np, ctr_opt as ctr
         >>> tube = ctr.Tube("rod", 2e-3, 0.0, ctr.Straight(0.1), bending_stiffness=0.02, torsional_stiffness=0.015)
@@ -138,27 +137,27 @@ class Equilibrium:
         >>> column.unstable_directions, column.is_stable
         (2, False)
         """
-        found = self.record.second_variation
-        return None if found is None else found.negative
+        variation = self.record.second_variation
+        return None if variation is None else variation.negative
 
     @property
     def is_stable(self) -> bool | None:
-        """Whether the potential energy has a minimum here: its second variation is positive.
+        """Whether the potential energy has a minimum here, that is, a positive second variation.
 
-        False at saddles, and where it is zero, but for rounding, in some direction: at a fold, and in a family of
-        equilibria (a straight rod that buckled may lie in any plane), which has no ``unstable_directions`` either. None
-        where those are None.
+        False at saddles. False also if the second variation vanishes in some direction, up to rounding: at a fold, and
+        in a family of equilibria (a buckled straight rod may lie in any plane). None if :attr:`unstable_directions` is
+        None.
         """
-        found = self.record.second_variation
-        return None if found is None else found.positive
+        variation = self.record.second_variation
+        return None if variation is None else variation.positive
 
     @property
     def stability(self) -> float | None:
-        """How far the shape is from instability: the smallest eigenvalue of (second variation, elastic part).
+        """Distance from instability, from 0 to 1: the smallest eigenvalue of (second variation, elastic part).
 
-        What part of the tubes' stiffness might be lost before the shape gives way, other things held: from 1, where no
-        load or precurvature pushes it over, to 0 at a fold; to a thousandth. 0 where it is not stable, None where that
-        is not defined.
+        It is the fraction of the tubes' stiffness that could be lost before the shape becomes unstable, all else
+        unchanged. It is 1 if no load or precurvature destabilizes the shape, 0 at a fold or an unstable shape, and None
+        if stability is not defined. The resolution is 0.001.
 
         Examples
         --------
@@ -181,28 +180,29 @@ class Equilibrium:
 
     @property
     def determinant(self) -> float:
-        """Determinant of :attr:`shooting_jacobian`; changes sign at a fold."""
+        """Determinant of :attr:`shooting_jacobian`, which changes sign at a fold."""
         return float(np.linalg.det(self.shooting_jacobian)) if self.shooting_jacobian is not None else float("nan")
 
     @property
     def shooting_jacobian(self) -> Array | None:
-        """``d(m_xy, tau)(length) / d(m_xy, tau)(0)`` at the solution, dimensionless; None if there is none.
+        """Derivative of the tip's moments by those at the base, dimensionless; None after a failed solve.
 
-        Under loads that depend on the shape, ``d(m_xy, tau, n)(length) / d(m_xy, tau, n)(0)``.
+        ``d(m_xy, tau)(length) / d(m_xy, tau)(0)`` at the solution; under loads that depend on the shape,
+        ``d(m_xy, tau, n)(length) / d(m_xy, tau, n)(0)``.
         """
         return self.record.outcome.jacobian
 
     @property
     def last_iterate(self) -> BaseMoments:
-        """Moments (and force) at the base: of the solution, or where a failed solve ended, at ``reached``."""
+        """Moments and force at the base, of the solution or of the point where a failed solve ended."""
         return self.record.base
 
     @property
     def last_equilibrium(self) -> Equilibrium | None:
-        """The last equilibrium of this robot before a continuation failed, or the unstable one that was not accepted.
+        """The last equilibrium of this robot before a continuation failed, or a rejected unstable one.
 
-        Its loads and actuation tell where: on the way from ``initial``, or at the part of the loads that a cold start
-        came to. None for a solve that converged, and where none is known.
+        Its loads and actuation show where the continuation ended: between ``initial`` and the target, or at a fraction
+        of the loads for a cold start. None if the solve converged or no equilibrium is known.
         """
         return self._last
 
@@ -215,7 +215,7 @@ class Equilibrium:
 
     @property
     def shape(self) -> Shape:
-        """The states behind the numbers, for code that works on this result."""
+        """The shape's states at the nodes, for code that works on this result."""
         shape = self.record.shape
         if shape is None:
             raise self._no_shape()
@@ -228,12 +228,12 @@ class Equilibrium:
 
     @cached_property
     def arc_length(self) -> Array:
-        """Arc lengths, m, to draw or save the shape at: every break point, and at least 100 steps."""
+        """Arc lengths, m, at which to draw or save the shape: every break point, in at least 100 steps."""
         return grid(self.configuration)
 
     @property
     def one_sided(self) -> bool:
-        """Whether it is known that break points coincide, where :meth:`jacobian` has sides and takes long."""
+        """Whether break points are known to coincide, so that :meth:`jacobian` is one-sided and slow."""
         return self.record.one_sided
 
     @property
@@ -244,7 +244,7 @@ class Equilibrium:
 
     @property
     def tip_pose(self) -> Array:
-        """``pose(length)``: the tip's frame in the world, 4 x 4."""
+        """The tip's frame in the world, 4 x 4: ``pose(length)``."""
         at_hand = self.record.tip_pose
         return self.pose(self.length) if at_hand is None else at_hand
 
@@ -253,7 +253,7 @@ class Equilibrium:
         return vectors(self.shape, s, lambda at: at.state.position.T)
 
     def pose(self, s: Any, tube: int | None = None) -> Array:
-        """Material frame of a tube, 4 x 4, z along the backbone; ``None``: the innermost tube present at ``s``."""
+        """Material frame of a tube at ``s``, 4 x 4, z along the backbone; ``tube=None``: the innermost tube there."""
         return poses(self.shape, s, tube)
 
     def curvature(self, s: Any) -> Array:
@@ -261,31 +261,31 @@ class Equilibrium:
         return vectors(self.shape, s, lambda at: np.pad(at.bent.T, ((0, 0), (0, 1))))
 
     def torsion(self, tube: int, s: Any) -> Any:
-        """``u_i,z`` of a tube, 1/m."""
+        """Torsion ``u_i,z`` of a tube at ``s``, 1/m."""
         return of_tube(self.shape, tube, s, lambda at, i: at.twisted[i])
 
     def tube_angle(self, tube: int, s: Any) -> Any:
-        """``psi_i``, rad: the angle of a tube's material frame against the backbone frame."""
+        """Angle ``psi_i`` of a tube's material frame against the backbone frame at ``s``, rad."""
         return of_tube(self.shape, tube, s, lambda at, i: at.state.angles[i])
 
     def internal_force(self, s: Any) -> Array:
-        """``n(s)``, N, world frame: what the material of ``[s, length]`` exerts on ``[0, s]``."""
+        """Internal force ``n(s)`` that ``[s, length]`` exerts on ``[0, s]``, N, world frame."""
         return vectors(self.shape, s, lambda at: at.state.force.T)
 
     def internal_moment(self, s: Any) -> Array:
-        """``m(s)``, N m, world frame: what the material of ``[s, length]`` exerts on ``[0, s]``."""
+        """Internal moment ``m(s)`` that ``[s, length]`` exerts on ``[0, s]``, N m, world frame."""
         return vectors(self.shape, s, moments)
 
     def tube_moment(self, tube: int, s: Any) -> Array:
-        """Internal moment of one tube, N m, in its own material frame: ``K_i (u_i - u*_i)`` (paper, (3))."""
+        """Internal moment ``K_i (u_i - u*_i)`` of one tube at ``s``, N m, in its material frame (paper, (3))."""
         return np.asarray(of_tube(self.shape, tube, s, lambda at, i: at.tube_moments[i].T))
 
     @cached_property
     def base_wrench(self) -> Array:
-        """Force, N, and moment about the entry point, N m, of the robot on its support, ``(6,)``, world frame.
+        """Force (N) and moment about the entry point (N m) of the robot on its support, ``(6,)``, world frame.
 
-        The resultant of all loads in front of the entry point, those there included: what a six-axis sensor under the
-        robot shows. Actuators rest on it too, so that their forces and torques do not.
+        A six-axis sensor under the robot shows this wrench. It is the resultant of all loads at and in front of the
+        entry point. The actuators stand on the sensor too, so their forces and torques do not appear.
 
         Examples
         --------
@@ -304,24 +304,26 @@ class Equilibrium:
     def energy(self) -> float:
         """Elastic energy, J.
 
-        Of the tubes in ``[0, length]``, the transmissions' torsion, and curved parts held straight behind the entry.
+        It includes the tubes in ``[0, length]``, the torsion of the transmissions, and the curved parts held straight
+        behind the entry point.
         """
-        own = self.configuration
-        twisted = float(transmission_energy(self.last_iterate.torsional, own.transmission_compliance).sum())
-        return self.shape.elastic_energy + twisted + own.straightening_energy
+        configuration = self.configuration
+        twisted = float(transmission_energy(self.last_iterate.torsional, configuration.transmission_compliance).sum())
+        return self.shape.elastic_energy + twisted + configuration.straightening_energy
 
     @cached_property
     def load_work(self) -> float:
-        """Work of the conservative loads, J: less their potential.
+        """Work of the conservative loads, J, which is minus their potential.
 
-        ``sum F . p + integral of f . p`` of the world-fixed forces, from the world's origin on, less ``V(p)`` of loads
-        given by a potential. Moments, loads in a tube's frame and free expressions have no potential and are left out.
+        ``sum F . p + integral of f . p`` of the world-fixed forces, measured from the world's origin, minus ``V(p)`` of
+        loads given by a potential. Moments, loads in a tube's frame and free expressions have no potential and are left
+        out.
         """
         return self.shape.load_work
 
     @property
     def potential_energy(self) -> float:
-        """``energy - load_work``, J: what a stable equilibrium under conservative loads minimizes."""
+        """Potential energy ``energy - load_work``, J; a stable equilibrium under conservative loads minimizes it."""
         return self.energy - self.load_work
 
     # -- derivatives ---------------------------------------------------------------------------------------------
@@ -329,16 +331,16 @@ class Equilibrium:
     def jacobian(self, s: float | None = None, side: int = 1) -> Array:
         """Derivative of the pose by rotations, then translations, ``(6, 2 tubes)``.
 
-        Rows: position (m, world axes), and world angular velocity ``w`` with ``dR = hat(w) R`` of the material frame
-        of the innermost tube present.
+        The first three rows are the position (m, world axes). The last three are the angular velocity ``w`` in the
+        world, ``dR = hat(w) R``, of the material frame of the innermost tube present.
 
         Parameters
         ----------
         s
             A fixed arc length, m; ``None``: the tip, which moves with the tube that ends there.
         side
-            ``+1``: for advancing tubes, ``-1``: for tubes drawn back. They differ for the tubes in :attr:`kinks`
-            alone. A base that stands at the entry point cannot advance: its derivative is always that from behind.
+            ``+1`` for advancing tubes, ``-1`` for tubes drawn back. The two differ only for the tubes in :attr:`kinks`.
+            A base at the entry point cannot advance; its derivative is always the one from behind.
 
         Examples
         --------
@@ -354,16 +356,16 @@ class Equilibrium:
     def compliance(self, s: float | None = None, load_at: float | None = None, tube: int = 0) -> Array:
         """Derivative of the pose by a world-fixed force (N) and moment (N m) added at a point, ``(6, 6)``.
 
-        Rows as in :meth:`jacobian`. Under conservative loads it is symmetric where pose and load are at the same
-        point of the same tube.
+        The rows are those of :meth:`jacobian`. Under conservative loads the matrix is symmetric if pose and load are at
+        the same point of the same tube.
 
         Parameters
         ----------
         s
-            Where the pose is taken, m: that of ``tube`` where it reaches so far, else of the innermost tube present;
-            ``None``: the tip.
+            Arc length of the pose, m; ``None``: the tip. It is the pose of ``tube`` if that tube reaches ``s``,
+            otherwise of the innermost tube present.
         load_at, tube
-            Where the load acts, m, and on which tube; ``None``: at that tube's distal end, as in
+            Arc length of the load, m, and its tube; ``None``: the distal end of that tube, as in
             :class:`~ctr_opt.PointWrench`.
 
         Examples
@@ -384,34 +386,34 @@ class Equilibrium:
         Parameters
         ----------
         of
-            An attribute's name, ``"tip_position"``, ``"tip_pose"``, ``"energy"``, ``"load_work"``,
-            ``"potential_energy"``; or a method's name and its arguments, ``("position", s)``, ``("pose", s)``,
-            ``("pose", s, tube)``, ``("curvature", s)``, ``("internal_force", s)``, ``("internal_moment", s)``,
-            ``("torsion", tube, s)``, ``("tube_angle", tube, s)``, ``("tube_moment", tube, s)``,
-            ``("actuator_wrench", tube)``. ``s`` stays fixed, the tip moves. A pose stands for six numbers, as in
-            :meth:`jacobian`; an actuator wrench for force and torque.
+            An attribute's name: ``"tip_position"``, ``"tip_pose"``, ``"energy"``, ``"load_work"``,
+            ``"potential_energy"``, ``"base_wrench"``. Or a method's name with its arguments: ``("position", s)``,
+            ``("pose", s)``, ``("pose", s, tube)``, ``("curvature", s)``, ``("internal_force", s)``,
+            ``("internal_moment", s)``, ``("torsion", tube, s)``, ``("tube_angle", tube, s)``,
+            ``("tube_moment", tube, s)``, ``("actuator_wrench", tube)``. ``s`` stays fixed; the tip moves. A pose counts
+            as six numbers, as in :meth:`jacobian`; an actuator wrench as force and torque.
         wrt
-            A parameter's name, or several: ``"rotations"``, ``"translations"``, ``"tubes[0].bending_stiffness"``,
-            ``"tubes[0].precurvature[1].curvature"``, ``"loads[0].force"``, ``"base.rotation"``; a wrong name's error
-            lists all there are, and see ``docs/how_to/derivatives.md``.
+            One or several names of parameters: ``"rotations"``, ``"translations"``, ``"tubes[0].bending_stiffness"``,
+            ``"tubes[0].precurvature[1].curvature"``, ``"loads[0].force"``, ``"base.rotation"``. The error for an
+            unknown name lists all names; see also ``docs/how_to/derivatives.md``.
         order
-            1 or 2. Second derivatives of a rotation are those of the rotation vector from the pose as it is.
+            1 or 2. Second derivatives of a rotation are those of the rotation vector from the present pose.
         side
-            From which side, where break points coincide.
+            The side of the derivative where break points coincide: +1 or -1.
 
         Returns
         -------
         Array
-            The output's shape, then the parameter's (then, for ``order = 2``, the parameter's once more); with
-            several parameters their numbers stand on one axis, one parameter behind the other.
+            The output's shape followed by the parameter's shape, which appears twice for ``order = 2``. Several
+            parameters share one axis, one behind the other.
 
         Raises
         ------
         DefinitionError
-            A name that is not there; a parameter that does not act, and why; a load given as a python function where
-            its derivative by ``s`` is needed; second derivatives where break points coincide.
+            An unknown name; a parameter without effect; a load given as a Python function whose derivative by ``s`` is
+            needed; second derivatives where break points coincide.
         SolveError
-            A singular equilibrium: at a fold, or one of a family.
+            The equilibrium is singular: at a fold, or one of a family.
 
         Examples
         --------
@@ -426,23 +428,22 @@ class Equilibrium:
     def actuator_wrench(self, tube: int, side: int = 1) -> tuple[float, float]:
         """Force (N) and torque (N m) that the actuator exerts on a tube's base, along +z of the entry frame.
 
-        The torque is ``-tau_i(0)``. The force is what virtual work demands when the base is pushed by ``dbeta`` and
-        the loads do their work: the elastic energy gained less the work ``F . dp + M . dphi`` of every load at the
-        point where it acts (a fixed arc length, or a tube's end), over ``dbeta``. Where an interval of conservative
-        load grows with the tube, the potential of what is added counts too, that of a potential's load and of
-        world-fixed forces from the world's origin, so that under conservative loads the two are the derivatives of
-        :attr:`potential_energy` by translation and rotation. Friction is none.
+        The torque is ``-tau_i(0)``. The force follows from virtual work as the base advances by ``dbeta``. It is the
+        elastic energy gained minus the work ``F . dp + M . dphi`` of every load at its point (a fixed arc length, or a
+        tube's end), divided by ``dbeta``. If an interval of conservative load grows with the tube, the potential of the
+        added part counts too. Under conservative loads, force and torque are therefore the derivatives of
+        :attr:`potential_energy` by translation and rotation. There is no friction in the model.
 
-        It is computed from the shape alone: jumps of ``H = m_xy . u_xy + sum tau_i u_i,z + n . R e3 - W - V`` at the
-        tube's break points, the integral of ``m_i . du*_i/ds`` where its curvature varies, and ``H`` of the tube alone
-        right behind the entry point.
+        The force is computed from the shape alone. It sums the jumps of
+        ``H = m_xy . u_xy + sum tau_i u_i,z + n . R e3 - W - V`` at the tube's break points, the integral of
+        ``m_i . du*_i/ds`` where its precurvature varies, and ``H`` of the tube alone just behind the entry point.
 
         Parameters
         ----------
         tube
             Index of the tube, 0 the innermost.
         side
-            Where break points coincide: the force against advancing (``+1``) or against drawing back.
+            Where break points coincide: the force against advancing (``+1``) or against drawing back (``-1``).
 
         Examples
         --------
@@ -457,9 +458,10 @@ class Equilibrium:
 
     @property
     def unknowns(self) -> Array:
-        """Bending and torsional moments (N m) at the base and, where loads depend on the shape, their force (N).
+        """Moments (N m) at the base and, if loads depend on the shape, their force (N).
 
-        In the order in which :meth:`ForwardProblem.function <ctr_opt.ForwardProblem.function>` takes and returns them.
+        The order is bending, torsion, force, as in
+        :meth:`ForwardProblem.function <ctr_opt.ForwardProblem.function>`.
         """
         if not self.converged:
             raise self._no_shape()
@@ -469,8 +471,8 @@ class Equilibrium:
     def kinks(self) -> tuple[int, ...]:
         """The tubes whose derivative by translation differs between an advancing and a retreating tube.
 
-        One of their break points coincides with the entry point, a load's, or another tube's, and something jumps
-        there. A base at the entry point, where no tube can advance, is no kink.
+        One of their break points coincides with the entry point, a load or another tube's break point, and a value
+        jumps there. A base at the entry point does not count, as the tube cannot advance.
         """
         return derivatives.kinks(self.solved())
 
@@ -482,14 +484,14 @@ class Equilibrium:
         Returns
         -------
         float
-            The defect, m: every step is integrated anew from where it begins, the gaps between the steps and what is
-            left at the tip are closed by one Newton step, and this is the largest distance by which the shape then
-            moves. Infinite where the integrator fails.
+            The defect, m: the largest distance by which the shape moves when it is corrected. Every step is integrated
+            again from its start, and one Newton step closes the gaps between steps and the conditions at the tip.
+            Infinite if the integrator fails.
         """
         return defect(self.shape, self.solved().z)
 
     def report(self) -> str:
-        """What was solved, how, how well, and what came out."""
+        """A text that says what was solved, by which methods, how accurately, and the results."""
         return equilibrium_report(self)
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -504,8 +506,9 @@ class Equilibrium:
 
     def solved(self) -> Solved:
         """The solution in numbers, for code that works on this result."""
-        own, shape = self.configuration, self.shape
-        return Solved(own, self.last_iterate.unknowns(own.scales, own.kind.live), shape.mesh, shape.integrator)
+        configuration, shape = self.configuration, self.shape
+        z = self.last_iterate.unknowns(configuration.scales, configuration.kind.live)
+        return Solved(configuration, z, shape.mesh, shape.integrator)
 
     # -- internals -----------------------------------------------------------------------------------------------
 

@@ -31,30 +31,30 @@ class ForwardProblem:
     robot
         The robot.
     formulation
-        ``"automatic"``: homotopy from the straight robot and, where its path ends or leads to an unstable equilibrium,
-        minimum energy;
-        ``"equilibrium"``: the Cosserat equations alone; ``"energy"``: minimum potential energy by IPOPT, which yields
-        a stable shape and takes conservative loads only.
+        ``"automatic"``: homotopy from the straight robot; energy minimization if that path ends or its end is unstable.
+        ``"equilibrium"``: the Cosserat equations alone. ``"energy"``: energy minimization by IPOPT, which yields a
+        stable shape and takes conservative loads only.
     method
         For ``"equilibrium"``: ``Homotopy(...)`` (default) or ``Newton(...)`` from zero, which shoot, or ``Ipopt(...)``,
-        which solves a transcription (default where one is given); for ``"energy"``: ``Ipopt(...)``. Or its name,
-        ``"homotopy"``, ``"newton"``, ``"ipopt"``. With ``"automatic"`` a method of another formulation chooses that
-        one.
+        which solves a transcription (default if ``transcription`` is given). For ``"energy"``: ``Ipopt(...)``. Names
+        are accepted too: ``"homotopy"``, ``"newton"``, ``"ipopt"``. With ``"automatic"``, ``Newton`` and ``Ipopt``
+        select the formulation that they belong to.
     tolerance
-        Largest accepted estimated position error divided by the length, 1e-11 to 1e-2; everything else follows from it.
+        Largest accepted position error, estimated, divided by the length: 1e-11 to 1e-2. The other accuracies follow
+        from it.
     integrator
         Runge-Kutta method of single and multiple shooting: ``"RK8"``, ``"RK5"``, ``"RK4"``.
     transcription
         What IPOPT solves: ``Collocation(degree, scheme)`` (default) or ``MultipleShooting()``, in either formulation.
     compiled
-        Whether to use compiled code for homotopy with ``"RK8"`` under loads that are constant or fixed to a tube:
-        ``None``: as soon as it is there (see :meth:`compile`), ``True``: compiled now, ``False``: never. The answers
-        are the same to the tolerance.
+        Whether to use compiled code. ``None``: as soon as it is available (see :meth:`compile`). ``True``: compile now.
+        ``False``: never. Compiled code covers homotopy with ``"RK8"`` under loads that are constant or fixed to a
+        tube. The answers agree within the tolerance.
 
     Notes
     -----
-    Rucker, Jones and Webster, IEEE T-RO 2010, (2), (12)-(20) and II-G. Nothing is rebuilt between solves, but for
-    loads by new expressions: one problem serves any actuation and any number of loads.
+    Rucker, Jones and Webster, IEEE T-RO 2010, (2), (12)-(20) and II-G. One problem serves any actuation and any number
+    of loads. Only loads given by new expressions make it build functions again.
 
     Examples
     --------
@@ -86,11 +86,12 @@ class ForwardProblem:
             self.compile()
 
     def compile(self) -> None:
-        """Compile the solver for robots with as many tubes, unless it was before; seconds the first time on a machine.
+        """Compile the solver for this number of tubes if it is not cached; takes a few seconds once per machine.
 
-        Later solves of this problem by homotopy, or from an ``initial`` one, use it. Without a call a process starts
-        this by itself in the background when it solves again and again; meanwhile, and where there is no compiler,
-        everything works in CasADi's virtual machine.
+        Later solves by homotopy, or from an ``initial`` equilibrium, use the compiled code. Loads in a tube's frame
+        need a second library. It is compiled when such loads are first solved, which takes a few seconds more. Without
+        this call, a process compiles in the background after ten solves. Until then, and without a compiler,
+        everything runs in CasADi's virtual machine.
 
         Raises
         ------
@@ -101,7 +102,7 @@ class ForwardProblem:
 
     @property
     def compiles(self) -> bool:
-        """Whether there is compiled code for free robots, or for loads that it knows."""
+        """Whether compiled code is available for robots without loads or with world-fixed loads."""
         return self.solver.compiled_for(()) is not None
 
     def solve(
@@ -111,34 +112,50 @@ class ForwardProblem:
         initial: Equilibrium | None = None,
         throw: bool = True,
     ) -> Equilibrium:
-        """Find an equilibrium.
+        """Find the equilibrium under an actuation and loads.
 
         Parameters
         ----------
         actuation
-            Rotations and translations of the tubes' bases.
+            Rotations (rad) and translations (m) of the tubes' bases.
         loads
             Any number of loads.
         initial
-            An equilibrium (or a :meth:`guess`) of a robot with as many tubes, at any actuation and loads: solved from
-            there by Newton's method and, failing that or where tubes turn by more than half a turn in each other, by
-            continuation of actuation and loads from there.
+            An equilibrium, or a :meth:`guess`, to start from. Its robot must have this number of tubes; its actuation
+            and loads may differ. Newton's method starts there. If it fails, or if tubes turn against each other by
+            more than half a turn, actuation and loads are continued from there.
         throw
-            Raise ``SolveError`` where no equilibrium is found; otherwise return the failed result.
+            Whether to raise ``SolveError`` if no equilibrium is found, or to return the failed result.
+
+        Returns
+        -------
+        Equilibrium
+            The shape, its internal loads and derivatives.
 
         Raises
         ------
         DefinitionError
-            A load beyond its tube, a tube drawn wholly behind the entry point, and the like.
+            For example a load beyond the end of its tube, or a tube drawn wholly behind the entry point.
         SolveError
-            No equilibrium was found: what was tried, how far it got, what to do; ``.result`` is the failed result.
+            No equilibrium was found. The message says what was tried, how far it got and what to do; ``.result`` is
+            the failed result.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> problem = ctr.ForwardProblem(ctr.Robot([tube]))
+        >>> push = ctr.PointWrench(force=[0.01, 0.0, 0.0])
+        >>> problem.solve(ctr.Actuation([0.0], [0.0]), [push]).converged
+        True
         """
         return self.solver.solve(actuation, as_loads(loads), initial, throw)
 
     def neighbour(self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium) -> Equilibrium | None:
-        """The equilibrium next to ``initial`` on the same branch, or None where that is in doubt.
+        """The equilibrium next to ``initial`` on the same branch, or None if that is in doubt.
 
-        As :meth:`solve`, but where compiled code knows the loads no slower way is tried: take a shorter step then.
+        It works like :meth:`solve`, except that the general solver is not tried if compiled code supports the loads.
+        After None, take a shorter step.
         """
         return self.solver.neighbour(actuation, loads, initial)
 
@@ -150,25 +167,31 @@ class ForwardProblem:
         *,
         chained: bool = True,
     ) -> Batch:
-        """Solve many actuations in one call; what fails is marked and does not stop the others.
+        """Solve many actuations in one call; rows that fail are marked and do not stop the others.
 
         Parameters
         ----------
         actuations
             The actuations, or a pair of arrays: rotations and translations, ``(k, tubes)`` each, rad and m.
         loads
-            One list of loads for all rows, or a list of them for each row.
+            One list of loads for all rows, or one list for each row.
         initial
             An equilibrium to start the first row from; default: a cold start.
         chained
-            Each row continues the branch of the one before, as along a path of the robot. Where the branch ends, the
-            row is solved cold and marked in :attr:`Batch.snapped <ctr_opt.Batch.snapped>`. ``False``: every row starts
-            from ``initial``, or from nothing, whatever the others are.
+            ``True`` is for paths: each row continues the branch of the row before. Where the branch ends, the row is
+            solved cold and marked in :attr:`Batch.snapped <ctr_opt.Batch.snapped>`. ``False`` is for random or
+            unrelated rows: every row starts from ``initial``, or cold. Random rows in a chain are slow, as each must be
+            followed from the row before, and the chain may end on another branch than a cold start.
+
+        Returns
+        -------
+        Batch
+            One result for each row, in their order.
 
         Raises
         ------
         DefinitionError
-            Arrays of wrong shapes, rows that are no actuations, a load beyond its tube in some row, and the like.
+            For example arrays of wrong shapes, a row that is not an actuation, or a load beyond its tube.
 
         Examples
         --------
@@ -181,12 +204,12 @@ class ForwardProblem:
         return solve_rows(self.solver, actuations, loads, initial, chained)
 
     def check(self, actuation: Actuation, loads: Sequence[Load] = ()) -> Configuration:
-        """Check actuation and loads without solving; returns them as numbers along the arc length.
+        """Check actuation and loads without solving; return them as numbers along the arc length.
 
         Raises
         ------
         DefinitionError
-            As :meth:`solve`.
+            For the reasons given in :meth:`solve`.
         """
         return self.solver.configuration(actuation, as_loads(loads))
 
@@ -198,38 +221,39 @@ class ForwardProblem:
         along: Any = (),
         steps: int | None = None,
     ) -> ca.Function:
-        """The solved forward problem as a differentiable function, to use inside a CasADi program of one's own.
+        """The solved forward problem as a differentiable function for user-defined CasADi programs.
 
-        Newton's method from ``initial`` (moments at the base), at whatever values its inputs have. Break points are
-        sorted inside, so that tubes may pass each other. First and second derivatives are exact, by the
-        implicit-function theorem; where break points coincide they are those of one of the orders next to it.
+        It runs Newton's method from ``initial`` (moments at the base) at the values of its inputs. Break points are
+        sorted inside, so tubes may pass each other. First and second derivatives are exact, by the implicit-function
+        theorem. Where break points coincide, the derivatives hold for one of the two neighbouring orders.
 
         Parameters
         ----------
         initial
-            An equilibrium: its loads act, and what is no input keeps its value.
+            An equilibrium. Its loads act, and parameters that are not inputs keep its values.
         wrt
-            The names of parameters that become inputs, as in :meth:`Equilibrium.sensitivity`. Inputs are named with
-            underscores for what is no letter or digit: ``loads[0].force`` is ``loads_0_force``. Name only what you
-            need: second derivatives take the longer the more there are.
+            The names of the parameters that become inputs, as in :meth:`Equilibrium.sensitivity`. In the names of
+            inputs, underscores replace other characters: ``loads[0].force`` becomes ``loads_0_force``. Name only the
+            parameters you need: each one makes second derivatives slower.
         along
-            Arc lengths ``(k,)``, m, whose positions are wanted too; where the robot is shorter, that of its tip.
+            Arc lengths ``(k,)``, m, of further positions to return. Beyond the tip, the tip's position is returned.
         steps
-            Integration steps in each section between break points; default: the most that ``initial`` needed in one.
+            Integration steps in each section between break points; default: the largest number in any section of
+            ``initial``.
 
         Returns
         -------
         casadi.Function
-            Inputs: the parameters in their order, and ``initial``: moments (N m), and force (N) under loads that depend
-            on the shape, to start from, :attr:`Equilibrium.unknowns`. Outputs: ``tip_position (3,)``, m;
-            ``tip_rotation (3, 3)``; ``positions (3, k)`` if any are wanted; ``unknowns``, to start the next solve from;
-            ``residual_norm``. Where Newton's method finds no root, a load would be beyond its tube's end, or a tube
-            drawn in or out too far, all but the last are NaN, so that IPOPT shortens its step. It can be pickled.
+            Inputs: the parameters in their order, and ``initial``, the values :attr:`Equilibrium.unknowns` to start
+            from: moments (N m) and, under loads that depend on the shape, force (N). Outputs: ``tip_position (3,)``,
+            m; ``tip_rotation (3, 3)``; ``positions (3, k)`` if ``along`` is given; ``unknowns``, to start the next
+            solve from; ``residual_norm``. All but the last are NaN if Newton's method finds no root, a load is beyond
+            its tube's end, or a tube is too far in or out. IPOPT then shortens its step. The function can be pickled.
 
         Raises
         ------
         DefinitionError
-            A name that is not there; a load given as a python function of ``s``, unless no break point moves.
+            An unknown name, or a load given as a Python function of ``s`` while break points move.
 
         Examples
         --------
@@ -252,7 +276,7 @@ class ForwardProblem:
         bending: Any = (0.0, 0.0),
         torsional: Any = None,
     ) -> Equilibrium:
-        """A start for :meth:`solve`: the moments that the robot is believed to exert on the entry point.
+        """A starting point for :meth:`solve`, from guessed moments at the entry point.
 
         Parameters
         ----------
@@ -262,6 +286,14 @@ class ForwardProblem:
             ``(2,)``, N m: total bending moment at ``s = 0`` in the backbone frame.
         torsional
             ``(tubes,)``, N m: torsional moment ``GJ_i (u_i,z - u*_i,z)`` at each tube's base; default zero.
+
+        Examples
+        --------
+        >>> import ctr_opt as ctr
+        >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)
+        >>> problem, held = ctr.ForwardProblem(ctr.Robot([tube])), ctr.Actuation([0.0], [0.0])
+        >>> problem.solve(held, initial=problem.guess(held, bending=[0.0, 1e-3])).path
+        'newton from initial'
         """
         configuration = Configuration(self.robot, actuation, as_loads(loads))
         return Equilibrium(

@@ -317,7 +317,7 @@ def test_wrong_rows_are_told():
     problem = ctr.ForwardProblem(rod(), compiled=False)
     cases = {
         "rotations has shape": (np.zeros((3, 2)), np.zeros((3, 1))),
-        "rotations has 3 rows and translations 2": (np.zeros((3, 1)), np.zeros((2, 1))),
+        "rotations has 3 rows, but translations has 2": (np.zeros((3, 1)), np.zeros((2, 1))),
         r"translations\[1, 0\] = 0.1 m": (np.zeros((2, 1)), np.array([[0.0], [0.1]])),
         r"actuations\[1\]": [held(), "there"],
     }

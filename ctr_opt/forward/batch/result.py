@@ -15,16 +15,16 @@ from ..equilibrium import Equilibrium
 class Batch(Sequence[Equilibrium]):
     """The results of :meth:`ForwardProblem.solve_many <ctr_opt.ForwardProblem.solve_many>`, in the order of the rows.
 
-    A sequence of :class:`~ctr_opt.Equilibrium`: ``batch[k]`` is the result of row ``k``. Rows that failed say so there
-    (``status``, ``message``), are False in ``converged`` and not a number in the arrays.
+    A sequence of :class:`~ctr_opt.Equilibrium`: ``batch[k]`` is the result of row ``k``. A failed row is False in
+    ``converged`` and NaN in the arrays. Its ``status`` and ``message`` say what happened.
 
     Attributes
     ----------
     snapped
-        ``(k,)``, bool: rows of a chain that do not continue the branch of the row before. The robot snaps on the way
-        there: a fold or a bifurcation ends the branch, and the shape is one of a cold start, which need not be the one
-        that the robot snaps to. Rotations count in full: tubes that turn by more than half a turn in each other between
-        two rows are followed through that turn, in slower steps. A slice keeps its rows' marks.
+        ``(k,)``, bool: rows of a chain that do not continue the branch of the row before. A fold or a bifurcation ends
+        the branch, so the robot snaps. The shape is then that of a cold start, which need not be the one that the robot
+        snaps to. Rotations count in full: if tubes turn against each other by more than half a turn between two rows,
+        that turn is followed in smaller, slower steps. A slice keeps the marks of its rows.
 
     Examples
     --------
@@ -55,17 +55,17 @@ class Batch(Sequence[Equilibrium]):
 
     @property
     def tip_position(self) -> Array:
-        """Tip positions ``(k, 3)``, m, world frame; not a number where a row failed."""
+        """Tip positions ``(k, 3)``, m, world frame; NaN if a row failed."""
         return self._collected((3,), lambda result: result.tip_position)
 
     @property
     def tip_pose(self) -> Array:
-        """Tip poses ``(k, 4, 4)``; not a number where a row failed."""
+        """Tip poses ``(k, 4, 4)``, world frame; NaN if a row failed."""
         return self._collected((4, 4), lambda result: result.tip_pose)
 
     @property
     def discretization_error(self) -> Array:
-        """Estimated position errors ``(k,)``, m."""
+        """Estimated largest position errors ``(k,)``, m; NaN if a row failed."""
         return self._collected((), lambda result: result.discretization_error)
 
     def _collected(self, shape: tuple[int, ...], of: Any) -> Array:

@@ -1,4 +1,4 @@
-"""Rows of actuations and loads, solved one after the other; what leaves its branch is marked."""
+"""Solve rows of actuations and loads one after the other; rows that leave their branch are marked."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..solver import ForwardSolver, started
 from .result import Batch
 from .rows import rows_of_actuations, rows_of_loads
 
-_SAME = 1e-3  # of the dimensionless unknowns: equilibria so near, with a regular Jacobian between them, are one
+_SAME = 1e-3  # relative distance of the unknowns: equilibria this near with a regular Jacobian between them are one
 
 
 def solve_rows(
@@ -27,7 +27,7 @@ def solve_rows(
     initial: Equilibrium | None,
     chained: bool,
 ) -> Batch:
-    """The rows' results; see :meth:`ForwardProblem.solve_many <ctr_opt.ForwardProblem.solve_many>`."""
+    """Solve all rows; see :meth:`ForwardProblem.solve_many <ctr_opt.ForwardProblem.solve_many>`."""
     rows, objects = rows_of_actuations(actuations, len(solver.robot.tubes))
     rows_loads = rows_of_loads(loads, len(rows))
     if initial is not None:
@@ -55,7 +55,7 @@ def solve_rows(
 def _solve_row(
     solver: ForwardSolver, actuation: Actuation, loads: tuple[Load, ...], before: Equilibrium | None
 ) -> tuple[Equilibrium, bool]:
-    """The equilibrium of a row, and whether it left the branch of the one before; a guess is on no branch."""
+    """Solve one row; also whether it left the branch of ``before``. A guess is not on a branch."""
     if before is None:
         return solver.solve(actuation, loads), False
     result = solver.solve(actuation, loads, before)
@@ -66,10 +66,10 @@ def _solve_row(
 
 
 def _continues(solver: ForwardSolver, before: Equilibrium, result: Equilibrium) -> bool:
-    """Whether a solve from ``before`` kept to its branch.
+    """Whether a solve from ``before`` stayed on its branch.
 
-    Shooting does, or fails. IPOPT may descend across a fold to any shape, so the branch is followed once more by
-    shooting, and the two answers are compared.
+    Shooting stays on the branch or fails. IPOPT may cross a fold to any shape. So shooting follows the branch again,
+    and the two answers are compared.
     """
     settings = solver.settings
     if not isinstance(settings.method, Ipopt):
@@ -79,9 +79,9 @@ def _continues(solver: ForwardSolver, before: Equilibrium, result: Equilibrium) 
     if not followed.converged:
         return False
     scales, live = result.configuration.scales, result.configuration.kind.live
-    a, b = (each.last_iterate.unknowns(scales, live) for each in (followed, result))
+    a, b = (equilibrium.last_iterate.unknowns(scales, live) for equilibrium in (followed, result))
     near = np.linalg.norm(a - b) <= _SAME * (1.0 + np.linalg.norm(a))
-    jacobian, other = followed.shooting_jacobian, result.shooting_jacobian
-    assert jacobian is not None
-    assert other is not None
-    return bool(near) and regular_between(jacobian, other, family_of(jacobian))
+    along_branch, at_result = followed.shooting_jacobian, result.shooting_jacobian
+    assert along_branch is not None
+    assert at_result is not None
+    return bool(near) and regular_between(along_branch, at_result, family_of(along_branch))
