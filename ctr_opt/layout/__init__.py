@@ -1,1 +1,1 @@
-"""Where things are along a robot: break points, sections, and the columns of numbers or symbols that describe them."""
+"""Layout along a robot: break points, sections, and the columns of numbers or symbols that describe them."""

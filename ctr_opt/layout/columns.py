@@ -1,8 +1,8 @@
 """The data of a step as one dimensionless column of numbers.
 
-The symbolic functions know the number of tubes, of nodes in a step and the kind of loads; how many steps there are,
-where they lie and what acts there is in the columns, so that nothing symbolic is rebuilt between solves. A table says
-of every datum how many numbers it is, in which unit, and with what it grows; all else follows from it.
+The symbolic functions depend on the number of tubes, the number of nodes in a step and the kind of loads. The columns
+hold the steps' lengths and the loads, so nothing symbolic is rebuilt between solves. A table gives each datum's size,
+its unit, and what it grows with; the rest of this module follows from it.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from .load_columns import Datum, LoadColumns
 
 
 class _Columns:
-    """What the columns of steps and of the entry point have in common."""
+    """Common part of the columns of steps and of the entry point."""
 
     tubes: int
     kind: Kind
 
     def _data(self) -> dict[str, Datum]:
-        """The data but those of loads at a point, in order."""
+        """The data in order, without loads at a point."""
         raise NotImplementedError
 
     @cached_property
@@ -47,26 +47,26 @@ class _Columns:
 
     @cached_property
     def parts(self) -> dict[str, slice]:
-        """Where each datum stands in a column."""
+        """Position of each datum in a column."""
         return slices({name: part.size for name, part in self.table.items()})
 
     @property
     def size(self) -> int:
-        """Entries of a column."""
+        """Number of entries in a column."""
         return sum(part.size for part in self.table.values())
 
     def units(self, scales: Scales) -> dict[str, float]:
-        """By what the data are multiplied to be dimensionless."""
+        """Factors that make the data dimensionless."""
         return {name: part.unit(scales) for name, part in self.table.items()}
 
     def factors(self, conservative: float, rest: float, precurvature: float) -> Array:
-        """By what each entry is multiplied when loads with and without a potential and preset curvatures are."""
+        """Factor of each entry, given factors of loads with a potential, other loads, and preset curvatures."""
         of = {"conservative": conservative, "rest": rest, "precurvature": precurvature}
         parts = self.table.values()
         return np.concatenate([np.resize([of[name] for name in part.grows] or [1.0], part.size) for part in parts])
 
     def _filled(self, data: Mapping[str, Any], scales: Scales, count: int) -> Array:
-        """Columns ``(count, size)`` of data in SI."""
+        """Fill columns ``(count, size)`` with data in SI, made dimensionless."""
         columns = np.zeros((count, self.size))
         for name, unit in self.units(scales).items():
             columns[:, self.parts[name]] = data[name] * unit
@@ -77,7 +77,7 @@ class _Columns:
         return self._point.at(column, self.parts, 0, state)
 
     def point_energy(self, column: Any, position: Any) -> Any:
-        """The potential of the loads there."""
+        """Potential of the loads at the end of the step, or at ``s = 0``."""
         return self._point.energy(column, self.parts, 0, position)
 
 
@@ -99,9 +99,10 @@ class StepColumns(_Columns):
         return {"length": Datum(1, _per_length), **stiffness, "precurvature": curved, **self._inner.table}
 
     def pack(self, configuration: Configuration, steps: Array, fractions: Array, middle: Array | None = None) -> Array:
-        """Columns ``(size, k)`` for ``steps (k, 2)`` with data at ``fractions (nodes,)``; point loads act at step ends.
+        """Pack ``steps (k, 2)`` with data at ``fractions (nodes,)`` into columns ``(size, k)``.
 
-        ``middle (k,)`` is a point of the section that each step lies in, where its own middle does not tell.
+        Point loads act at step ends. ``middle (k,)`` is a point in the section of each step; default: the step's
+        middle.
         """
         scales, fields = configuration.scales, self.kind.fields
         precurvature, loads = configuration.nodes(steps, fractions, middle, fields)
@@ -117,7 +118,7 @@ class StepColumns(_Columns):
         return self._filled(data, scales, len(steps)).T.copy()
 
     def pad(self, columns: Array, count: int) -> Array:
-        """``columns`` with steps of length zero appended up to ``count``, which change nothing."""
+        """Append steps of length zero to ``columns`` up to ``count``; they change nothing."""
         extra = count - columns.shape[1]
         if extra == 0:
             return columns
@@ -128,13 +129,13 @@ class StepColumns(_Columns):
         return np.hstack((columns, idle))
 
     def total_force(self, columns: Any, weights: Array) -> Any:
-        """Of all dead loads behind ``s = 0``, ``(3, 1)``; ``weights`` are the quadrature's of the nodes."""
+        """Total force ``(3, 1)`` of all dead loads beyond ``s = 0``; ``weights`` are the nodes' quadrature weights."""
         start = self.parts["force"].start
         density = sum(float(w) * columns[start + 3 * c : start + 3 * c + 3, :] for c, w in enumerate(weights))
         return density @ columns[:1, :].T + columns[self.parts["point_force"], :] @ np.ones((columns.shape[1], 1))
 
     def local(self, column: Any, node: int, state: State[Any] | None = None) -> Local[Any]:
-        """The data at a node, out of a symbolic column; with ``state``, the loads that depend on it included."""
+        """Extract the data at a node from a symbolic column; ``state`` adds the loads that depend on it."""
         parts, n = self.parts, self.tubes
         start = parts["precurvature"].start + 3 * n * node
         return Local(
@@ -144,22 +145,22 @@ class StepColumns(_Columns):
         )
 
     def node(self, column: Any, node: int) -> Any:
-        """The data at a node as a column of the same step with that node alone."""
+        """Extract the column of the same step with this node alone."""
 
-        def own(part: Datum, at: slice) -> Any:
+        def at_node(part: Datum, at: slice) -> Any:
             width = part.size // self.nodes
             return column[at.start + width * node : at.start + width * (node + 1)] if part.at_nodes else column[at]
 
-        return ca.vertcat(*map(own, self.table.values(), self.parts.values()))
+        return ca.vertcat(*map(at_node, self.table.values(), self.parts.values()))
 
     def load_energy(self, column: Any, node: int, position: Any) -> Any:
-        """The loads' potential per arc length at a node."""
+        """Potential of the loads per arc length at a node."""
         return self._inner.energy(column, self.parts, node, position)
 
 
 @attrs.frozen(slots=False)
 class EntryColumn(_Columns):
-    """Order of the data at the entry point: those of ``mechanics.boundary.Entry``, and the point load there."""
+    """Order of the data at the entry point: the fields of ``mechanics.boundary.Entry`` and the point load there."""
 
     tubes: int
     kind: Kind = DEAD
@@ -176,7 +177,7 @@ class EntryColumn(_Columns):
         }
 
     def pack(self, configuration: Configuration, total_force: Array) -> Array:
-        """The column ``(size,)``; ``total_force`` is that of the dead loads behind ``s = 0``, dimensionless."""
+        """Pack the column ``(size,)``; ``total_force`` of the dead loads beyond ``s = 0`` is dimensionless."""
         scales, robot, start = configuration.scales, configuration.robot, np.zeros(1)
         point = self._point.values(configuration.jumps(start, self.kind.fields), start[:, None], scales)
         data = {
@@ -191,14 +192,14 @@ class EntryColumn(_Columns):
         return np.asarray(self._filled(data, scales, 1)[0])
 
     def entry(self, column: Any) -> Entry[Any]:
-        """The entry point's data out of a symbolic column."""
+        """Extract the entry point's data from a symbolic column."""
         of = {name: column[part] for name, part in self.parts.items()}
         turned = of["rotations"] + of["twist"]
         return Entry(of["position"], of["orientation"], turned, of["compliance"], of["force"])
 
 
 def existing(stiffness: Stiffness, present: Any) -> dict[str, Any]:
-    """Stiffnesses by name where tubes are ``present`` (one) or have ended (zero)."""
+    """Stiffnesses by name, for tubes that are ``present`` (one) or have ended (zero)."""
     values = {name: getattr(stiffness, name) for name in stiffness.names()}
     return {name: value if stiffness.everywhere(name) else present * value for name, value in values.items()}
 

@@ -1,7 +1,8 @@
-"""From robot, actuation and loads to numbers along the arc length.
+"""Numbers along the arc length for a robot, its actuation and its loads.
 
-The equations are the same in every section between break points; which tubes exist there, their precurvature
-and the loads are *data*. Break points are exact nodes: curvature steps, tube ends, load points and knots.
+The equations are the same in every section between break points. Which tubes exist there, their precurvature
+and the loads are *data*. Curvature steps, tube ends, load points and knots are break points, which always fall on
+integration nodes.
 """
 
 from __future__ import annotations
@@ -30,16 +31,17 @@ from ..robot.robot import Robot
 from .ends import Ends
 
 LARGEST_TURN = 1.0  # rad, of a step
-MOST_STEPS = 200  # beyond what sections need: absurd loads shall fail soon, not fill the memory
-_FUNCTION_PARTS = 8  # an interval under a load given as a function is cut into so many steps at least
+MOST_STEPS = 200  # beyond what sections need: absurd loads must fail soon and not fill the memory
+_FUNCTION_PARTS = 8  # least number of steps in a section under a load given as a function
 
 
 @attrs.frozen(eq=False)
 class LoadValues:
-    """Loads at points ``(..)``: world-fixed, in the tubes' frames, and by what expressions are multiplied.
+    """Loads at points ``(..)``: world-fixed ones, those in the tubes' frames, and the factors of expressions.
 
-    Total ``force (.., 3)``, the tubes' ``moment (.., tubes, 3)``; ``body_force, body_moment (.., tubes, 3)`` in the
-    tubes' material frames; ``field (.., fields)``, and the ``numbers`` of all their parameters, one behind the other.
+    ``force (.., 3)`` is the total, ``moment (.., tubes, 3)`` acts on the tubes. ``body_force, body_moment
+    (.., tubes, 3)`` are in the tubes' material frames. ``field (.., fields)`` holds the expressions' factors, and
+    ``numbers`` all their parameters, one behind the other.
     """
 
     force: Array
@@ -50,7 +52,7 @@ class LoadValues:
     numbers: Array
 
     def add(self, where: Any, push: Push, fields: Sequence[Field], force: Array, moment: Array) -> None:
-        """Add what ``push`` applies at the points ``where``; ``fields`` are the expressions that are wanted."""
+        """Add what ``push`` applies at the points ``where``; ``fields`` are the expressions to include."""
         if push.field is not None:
             if push.field in fields:
                 self.field[*where, fields.index(push.field)] += push.factor
@@ -62,7 +64,7 @@ class LoadValues:
 
 @attrs.frozen(eq=False)
 class Placed:
-    """A push where it acts: at the point ``start``, or per arc length up to ``end``; ``name`` is for messages."""
+    """A push with its place: the point ``start``, or the span up to ``end``; ``name`` is for messages."""
 
     name: str
     push: Push
@@ -71,12 +73,12 @@ class Placed:
 
     @property
     def densities(self) -> list[tuple[str, Any]]:
-        """Force and moment per arc length, with their names."""
+        """Force and moment per arc length, each with its name."""
         return [(f"{self.name}.force", self.push.force), (f"{self.name}.moment", self.push.moment)]
 
     @property
     def varies(self) -> bool:
-        """Whether nothing but its values is known along the span."""
+        """Whether the load varies along the span in a way known only from its values."""
         return self.push.field is not None or any(callable(density) for _, density in self.densities)
 
 
@@ -92,16 +94,16 @@ class Scales:
 
     @property
     def moment(self) -> float:
-        """N m."""
+        """Unit of moments, N m."""
         return self.stiffness / self.length
 
     @property
     def force(self) -> float:
-        """N."""
+        """Unit of forces, N."""
         return self.stiffness / self.length**2
 
     def unknowns(self, tubes: int, live: bool) -> Array:
-        """Of moments at the entry point and, under ``live`` loads, the force there."""
+        """Units of the unknowns: moments at the entry point and, under ``live`` loads, the force there."""
         return np.concatenate((np.full(2 + tubes, self.moment), np.full(3 if live else 0, self.force)))
 
 
@@ -131,7 +133,7 @@ class Configuration:
         self.transmission_twist, self.straightening_energy = self._transmission()
 
     def _place(self) -> None:
-        """Place what the loads come to, as far as each is on its tube."""
+        """Lower the loads to pushes and place each on its tube."""
         for k, load in enumerate(self.loads):
             if not isinstance(load, Load):
                 names = ", ".join(kind.__name__ for kind in LOADS)
@@ -139,7 +141,7 @@ class Configuration:
             tube = getattr(load, "tube", 0)
             if tube >= self.tube_count:
                 raise DefinitionError(
-                    f"loads[{k}]: tube = {tube} is not there: the robot has tubes 0 to {self.tube_count - 1}"
+                    f"loads[{k}]: tube = {tube} does not exist: the robot has tubes 0 to {self.tube_count - 1}"
                 )
         for k, push in lowered(self.robot, self.loads):
             start, *end = (self._inside(k, field, push.tube) for field in push.places)
@@ -148,7 +150,7 @@ class Configuration:
             (self.spans if end else self.points).append(Placed(f"loads[{k}]", push, start, *(end or (start,))))
 
     def _inside(self, k: int, field: str, tube: int) -> float:
-        """The arc length that an argument of a load gives, on its tube."""
+        """Arc length given by an argument of a load, checked to lie on its tube."""
         value, tube_end = self.loads[k].where(field), self.ends.of(tube)
         if value is None:
             return tube_end
@@ -174,7 +176,7 @@ class Configuration:
         return np.asarray(inside[np.diff(inside, prepend=-np.inf) > self.ends.slack])
 
     def _resolved(self, field: Field, start: float, end: float) -> list[float]:
-        """Where an expression needs break points by its dependence on ``s``, seen on the straight robot."""
+        """Break points that an expression needs because it depends on ``s``, evaluated on the straight robot."""
         pose = self.robot.base_pose
 
         def along(s: float, part: int) -> Array:
@@ -183,14 +185,14 @@ class Configuration:
 
         try:
             return [s for part in (0, 1) for s in resolve(partial(along, part=part), start, end, "function")]
-        except DefinitionError:  # it has no value there: no matter, as the robot is not straight
+        except DefinitionError:  # it has no value on the straight robot, which the solve need not meet
             return []
 
     def _nearest_break(self, s: float) -> float:
         return float(self.break_points[np.argmin(np.abs(self.break_points - s))])
 
     def _transmission(self) -> tuple[Array, float]:
-        """Twist ``integral of u*_z`` over ``[beta_i, 0]`` and the energy of holding curved parts straight there."""
+        """Twist, ``integral of u*_z`` over ``[beta_i, 0]``, and the energy that holds curved parts straight there."""
         twist, energy = np.zeros(self.tube_count), 0.0
         for i, tube in enumerate(self.robot.tubes):
             inside = -float(self.translations[i])
@@ -200,15 +202,15 @@ class Configuration:
 
     @property
     def transmission_compliance(self) -> Array:
-        """``-beta_i / GJ_i``: the angle by which a unit torque twists tube ``i`` behind the entry point, rad/(N m)."""
+        """Twist of tube ``i`` behind the entry point per unit torque, ``-beta_i / GJ_i``, rad/(N m)."""
         return np.asarray(law.transmission_compliance(-self.translations, self.stiffness))
 
     def present(self, s: Array) -> NDArray[np.bool_]:
-        """Which tubes exist at ``s (k,)`` (not a tube's end): ``(k, tubes)``."""
+        """Whether each tube exists at ``s (k,)`` (not a tube's end): ``(k, tubes)``."""
         return np.asarray(np.asarray(s)[:, None] < self.tube_ends)
 
     def mesh(self, largest_turn: float = LARGEST_TURN) -> Array:
-        """Steps from 0 to ``length`` as rows ``(start, end)``: every section cut so that no step turns much.
+        """Cut every section into steps that turn little: rows ``(start, end)`` from 0 to ``length``.
 
         A step's turn is estimated from the preset curvatures and loads.
         """
@@ -224,11 +226,11 @@ class Configuration:
         return np.concatenate(rows)
 
     def _varies_between(self, start: float, end: float) -> bool:
-        """Whether a load acts there of which only its values are known."""
+        """Whether a load acts there that is known only from its values."""
         return any(span.start < end and start < span.end for span in self.spans if span.varies)
 
     def _curvature_bound(self, start: float, end: float) -> float:
-        """A rough upper bound of the curvature in a section, 1/m."""
+        """Rough upper bound of the curvature in a section, 1/m."""
         middle = np.array([0.5 * (start + end)])
         stiffness = float((self.stiffness.bending_stiffness * self.present(middle)[0]).sum())
         precurvature, _ = self.nodes(np.array([[start, end]]), np.linspace(0.0, 1.0, 5))
@@ -242,7 +244,7 @@ class Configuration:
         for span in self.spans:
             if span.end > start:
                 extent = span.end - span.start
-                density, turning = (largest(each, span.start, span.end) for _, each in span.densities)
+                density, turning = (largest(part, span.start, span.end) for _, part in span.densities)
                 couple += extent * turning
                 force += extent * density
                 lever += extent * density * (span.end - start)
@@ -255,9 +257,9 @@ class Configuration:
     ) -> tuple[Array, LoadValues]:
         """Precurvature ``(steps, nodes, tubes, 3)`` and load densities at ``start + fraction (end - start)`` of steps.
 
-        Each step lies inside one section, that of ``middle`` (default: the step's own), and its data are taken from
-        that section's side even at its ends. Where a tube has ended its precurvature is zero. ``fields`` are the
-        expressions whose factors are wanted.
+        Each step lies inside the section that contains ``middle`` (default: the step's middle). Data are taken from
+        that section's side even at its ends. The precurvature of a tube is zero beyond its end. ``fields`` are the
+        expressions whose factors are returned.
         """
         start, end = steps[:, :1], steps[:, 1:]
         s = start + fractions * (end - start)
@@ -278,9 +280,9 @@ class Configuration:
         return precurvature, loads
 
     def loads_on(self, tube_ends: Array, factor: float) -> list[Load]:
-        """The loads multiplied by ``factor``, kept within tubes that end at ``tube_ends``; none for a factor of zero.
+        """Multiply the loads by ``factor`` and keep them on tubes that end at ``tube_ends``; none if it is zero.
 
-        What rides on a tube's end stays there; an interval pushed off its tube is left out.
+        A load at a tube's distal end stays there. A load whose interval lies beyond its tube is left out.
         """
         if factor == 0.0:
             return []
@@ -289,29 +291,29 @@ class Configuration:
 
     @property
     def without_potential(self) -> str:
-        """Which load has no potential, and why; empty if all have one."""
+        """Name the first load without a potential, and why; empty if all have one."""
         for k, load in enumerate(self.loads):
             if load.nonconservative:
                 return f"loads[{k}] ({type(load).__name__}) {load.nonconservative}, which has no potential"
         return ""
 
     def conservative_part(self) -> Configuration:
-        """The configuration with what of its loads has a potential; itself if that is all."""
+        """Keep only the parts of the loads that have a potential; the same object if all have one."""
         if not self.without_potential:
             return self
         parts = [load.conservative_part() for load in self.loads]
         return Configuration(self.robot, self.actuation, [part for part in parts if part is not None])
 
     def _no_loads(self, points: tuple[int, ...], fields: Sequence[Field]) -> LoadValues:
-        """Nothing at points, to be added to."""
-        force, moment, *body = (np.zeros((*points, *own, 3)) for own in ((), *[(self.tube_count,)] * 3))
-        given = {placed.push.field: placed.push.numbers for placed in (*self.points, *self.spans)}
-        numbers = [given.get(field, np.zeros(field.parameters)) for field in fields]
+        """Zero loads at points, ready to be added to."""
+        force, moment, *body = (np.zeros((*points, *size, 3)) for size in ((), *[(self.tube_count,)] * 3))
+        numbers_of_field = {placed.push.field: placed.push.numbers for placed in (*self.points, *self.spans)}
+        numbers = [numbers_of_field.get(field, np.zeros(field.parameters)) for field in fields]
         factors = np.zeros((*points, len(fields)))
         return LoadValues(force, moment, body[0], body[1], factors, np.concatenate([np.zeros(0), *numbers]))
 
     def jumps(self, points: Array, fields: Sequence[Field] = ()) -> LoadValues:
-        """The point loads that act at ``points (k,)``, nodes of a mesh."""
+        """Point loads that act at ``points (k,)``, nodes of a mesh."""
         loads = self._no_loads((len(points),), fields)
         for placed in self.points:
             loads.add((points == placed.start,), placed.push, fields, placed.push.force, placed.push.moment)
@@ -319,7 +321,7 @@ class Configuration:
 
 
 def _held_straight(stiffness: Stiffness, preset: Array) -> Array:
-    """The energy per length at preset curvatures ``(.., 3)``."""
+    """Energy per length of a tube held straight, at preset curvatures ``(.., 3)``."""
     return np.asarray(law.straight_energy_density(np.moveaxis(preset, -1, 0), stiffness))
 
 

@@ -1,9 +1,9 @@
-"""Where tubes end, and which tube is at an arc length.
+"""Ends of tubes, and the tube at an arc length.
 
-Lengths and translations are decimal numbers, so that ends that are meant to be one point differ by rounding. One rule
-says which of them are one point, for numbers, arrays, symbols and compiled code: in their order, an end within
-``SAME_POINT`` of the robot's length of the one before it is the same point. So a chain is one point, its largest end.
-Other break points are then at a tube's end if they are that close to it. A tube that ends at a point is still there.
+Lengths and translations are decimal numbers, so ends that are meant to coincide differ by rounding. One rule decides
+which ends coincide, for numbers, arrays, symbols and compiled code: sorted, an end within ``SAME_POINT`` of the
+robot's length of the one before it is the same point. A chain of such ends becomes its largest end. Another break
+point is at a tube's end if it is that close to it. A tube that ends at a point still exists there.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SAME_POINT = 1e-12  # of the robot's length: closer points are one point
 
 @attrs.frozen(eq=False, slots=False)
 class Ends:
-    """The tubes' ends, m, from the entry point, those that differ by rounding made equal.
+    """Ends of the tubes, m, from the entry point; ends that differ by rounding are made equal.
 
     Examples
     --------
@@ -42,9 +42,9 @@ class Ends:
 
     @classmethod
     def at(cls, ends: Sequence[float]) -> Ends:
-        """From ends as they were computed: those of a chain become its largest, those at the entry zero.
+        """Make ends from computed ones: a chain becomes its largest end, ends at the entry become zero.
 
-        It is :func:`chained` of one robot, by sorting, which is faster.
+        It does the same as :func:`chained` for one robot; sorting is faster.
         """
         slack = SAME_POINT * max(ends)
         snapped, last, before = {}, 0.0, inf
@@ -56,12 +56,12 @@ class Ends:
 
     @classmethod
     def of_robot(cls, robot: Robot, translations: Array) -> Ends:
-        """Of a robot at these ``translations (tubes,)``, m."""
+        """Make the ends of a robot at these ``translations (tubes,)``, m."""
         return cls.at(_computed(robot, translations))
 
     @classmethod
     def tube_at_tip(cls, robot: Robot, translations: Array) -> int:
-        """The innermost tube that ends at the tip of a robot: ``of_robot(...).innermost()``, for control loops."""
+        """Find the innermost tube at a robot's tip: a fast ``of_robot(...).innermost()`` for control loops."""
         ends = _computed(robot, translations)
         last = max(ends)
         alone = len([end for end in ends if last - end <= SAME_POINT * last]) == 1
@@ -69,7 +69,7 @@ class Ends:
 
     @property
     def slack(self) -> float:
-        """Points within this distance are one point, m."""
+        """Distance within which points coincide, m."""
         return SAME_POINT * self.length
 
     @cached_property
@@ -80,26 +80,26 @@ class Ends:
         return values
 
     def of(self, tube: int | None) -> float:
-        """The end of a tube; None: of the robot."""
+        """Return the end of a tube, or of the robot for None."""
         return self.length if tube is None else self.points[tube]
 
     def snap(self, s: Any) -> Array:
-        """Arc lengths ``s``, those at the same point as a tube's end exactly there."""
+        """Move arc lengths ``s`` that coincide with a tube's end exactly there."""
         near = np.abs(np.asarray(s)[..., None] - self.array) <= self.slack
         return np.asarray(np.where(near.any(axis=-1), self.array[near.argmax(axis=-1)], s))
 
     def reaches(self, tube: int | None, s: float) -> bool:
-        """Whether a tube (None: any) is at ``s``, be it with its end."""
+        """Whether a tube (None: any) exists at ``s``; its end belongs to it."""
         return s <= self.of(tube) + self.slack
 
     def innermost(self, s: float | None = None) -> int:
-        """The innermost tube at ``s``; None, and beyond the tip: at the tip."""
+        """Find the innermost tube at ``s``; at the tip for None or an ``s`` beyond it."""
         if s is None or s >= self.length:
             return self.points.index(self.length)
         return next(i for i in range(len(self.points)) if self.reaches(i, s))
 
     def innermost_along(self, s: Array) -> NDArray[np.intp]:
-        """The innermost tubes at arc lengths ``s (k,)``."""
+        """Find the innermost tubes at arc lengths ``s (k,)``."""
         return innermost(self.array, s)
 
 
@@ -107,22 +107,22 @@ def _computed(robot: Robot, translations: Array) -> list[float]:
     return [tube.length + shift for tube, shift in zip(robot.tubes, translations.tolist(), strict=True)]
 
 
-# -- of many robots, and of symbols ------------------------------------------------------------------------------------
+# -- many robots, and symbols ------------------------------------------------------------------------------------------
 
 
 def chained(ends: Array) -> Array:
-    """Tubes' ends ``(..., tubes)`` with those that are one point made equal."""
+    """Make coinciding ends of tubes ``(..., tubes)`` equal."""
     slack = SAME_POINT * ends.max(axis=-1)
     return np.stack(_chained(list(np.moveaxis(ends, -1, 0)), slack, np.maximum, np.where), axis=-1)
 
 
 def chained_symbols(ends: Sequence[Any], slack: float) -> list[Any]:
-    """Expressions of the ends of tubes with those that are one point made equal; for comparisons."""
+    """Make coinciding ends of tubes equal, as expressions; for comparisons."""
     return _chained([ca.SX(end) for end in ends], slack, ca.fmax, ca.if_else)
 
 
 def _chained(ends: Sequence[Any], slack: Any, larger: Callable[..., Any], choose: Callable[..., Any]) -> list[Any]:
-    """From each end to the largest that is close to it, and on; a chain has no more links than other ends."""
+    """Replace each end by the largest end close to it, repeatedly; a chain has at most one link per other end."""
     last = list(ends)
     for _ in ends[1:]:
         last = [reduce(larger, [choose(end - s <= slack, end, s) for end in ends]) for s in last]
@@ -130,18 +130,18 @@ def _chained(ends: Sequence[Any], slack: Any, larger: Callable[..., Any], choose
 
 
 def innermost(ends: Array, s: Any = np.inf) -> NDArray[np.intp]:
-    """The innermost tubes at ``s (...)``, or if nearer at the tip, of :func:`chained` ``ends (..., tubes)``."""
+    """Find the innermost tubes at ``s (...)``, at most the tip, for :func:`chained` ``ends (..., tubes)``."""
     length = ends.max(axis=-1)
     return np.asarray(np.argmax(ends >= (np.minimum(s, length) - SAME_POINT * length)[..., None], axis=-1))
 
 
 def outermost_at_tip(ends: Array) -> NDArray[np.intp]:
-    """The outermost tubes that end at the tip, last in an order, with :func:`chained` ``ends (..., tubes)``."""
+    """Find the outermost tubes that end at the tip, for :func:`chained` ``ends (..., tubes)``."""
     return np.asarray(ends.shape[-1] - 1 - innermost(ends[..., ::-1]))
 
 
 def first_at_tip(ends: Sequence[Any]) -> list[Any]:
-    """Weights ``(tubes,)`` of :func:`chained_symbols`: one for the first of them that is the largest, else zero."""
+    """Weights ``(tubes,)`` of :func:`chained_symbols`: one for the first that is the largest, zero for all others."""
     length, taken, weights = reduce(ca.fmax, ends), ca.SX(0), []
     for end in ends:
         weights.append(ca.logic_and(1 - taken, end == length))

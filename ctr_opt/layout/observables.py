@@ -1,7 +1,7 @@
-"""What can be observed of a robot, and where: one value for derivatives, measurements and compiled predictions.
+"""Observable quantities of a robot and their places, for derivatives, measurements and compiled predictions.
 
-A quantity is added as an entry of ``QUANTITIES``; ``transcription/observing.py`` says what it is in symbols, and
-``native/predictions.py`` where compiled code tells it.
+A new quantity is an entry of ``QUANTITIES``. ``transcription/observing.py`` defines it in symbols, and
+``native/predictions.py`` says where compiled code reports it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,15 @@ def _tube(value: Any) -> int:
 
 @attrs.frozen
 class Distal:
-    """The distal end of a tube, wherever it is: it moves with the tube's translation and length.
+    """The distal end of a tube, which moves with the tube's translation and length.
 
+    Parameters
+    ----------
+    tube
+        Index of the tube, 0 the innermost.
+
+    Examples
+    --------
     >>> Distal(1)
     Distal(tube=1)
     """
@@ -33,7 +40,7 @@ class Distal:
 
 @attrs.frozen
 class Somewhere:
-    """A place on the backbone that is estimated."""
+    """An unknown place on the backbone, which is estimated."""
 
 
 Place: TypeAlias = "float | Distal | None"
@@ -41,7 +48,7 @@ Place: TypeAlias = "float | Distal | None"
 
 
 def arc_length_of(place: Place, ends: Ends) -> float:
-    """Where a place is, m, on a robot whose tubes end at ``ends``."""
+    """Arc length of a place, m, on a robot whose tubes end at ``ends``."""
     return place if isinstance(place, float) else ends.of(None if place is None else place.tube)
 
 
@@ -49,9 +56,9 @@ def arc_length_of(place: Place, ends: Ends) -> float:
 class Quantity:
     """A quantity that can be observed.
 
-    ``size``: numbers of its value; ``rates``: numbers of its derivative, where others; ``at``: of what it is one: a
-    ``"place"`` along the robot, a ``"tube"``, or the ``"robot"``; ``jumps``: along the robot, so that it is taken from
-    one side; ``integral``: whether it takes integrals along the robot.
+    ``size`` counts the numbers of its value, ``rates`` those of its derivative (default: ``size``). ``at`` says what it
+    belongs to: a ``"place"`` along the robot, a ``"tube"``, or the ``"robot"``. ``jumps`` says whether it jumps along
+    the robot, so that its value needs a side; ``integral``, whether it takes integrals along the robot.
     """
 
     size: int
@@ -61,7 +68,7 @@ class Quantity:
     rates: int = attrs.field()
 
     @rates.default
-    def _as_many(self) -> int:
+    def _default_rates(self) -> int:
         return self.size
 
 
@@ -70,7 +77,7 @@ QUANTITIES = {
     "pose": Quantity(12, rates=6),  # of a tube's material frame: position, and the frame column by column
     "tube_angle": Quantity(1),
     "curvature": Quantity(3, jumps=True),  # of the backbone, in the backbone frame
-    "tube_curvature": Quantity(3, jumps=True),  # of a tube, in its own frame
+    "tube_curvature": Quantity(3, jumps=True),  # of a tube, in the tube's frame
     "torsion": Quantity(1, jumps=True),
     "tube_moment": Quantity(3, jumps=True),
     "internal_force": Quantity(3, jumps=True),
@@ -83,16 +90,16 @@ QUANTITIES = {
     "potential_energy": Quantity(1, "robot", integral=True),
     "base_wrench": Quantity(6, "robot"),  # force and moment on the support, of all loads, about the entry point
 }
-"""All quantities, by their names; as attributes and methods of an equilibrium have them, SI."""
+"""All quantities by name; values are those of an equilibrium's attributes and methods, SI."""
 
 
 @attrs.frozen
 class Observable:
-    """A quantity of ``QUANTITIES`` and where it is observed: at a place, of a tube.
+    """A quantity of ``QUANTITIES`` with its place and tube.
 
-    ``tube``: of which it is, or that the place must be on; None: anywhere on the robot. ``frame``: the tube whose frame
-    a pose is, None until the robot is known; where any frame serves, as for positions, it is 0. With ``sensor``, the
-    pose is that of a sensor which that tube carries.
+    ``tube`` is the tube whose quantity it is, or on which the place must lie; None: anywhere on the robot. ``frame`` is
+    the tube whose frame a pose describes, None until the robot is known; it is 0 where any frame serves, as for
+    positions. With ``sensor``, the pose is that of a sensor on that tube.
     """
 
     name: str
@@ -103,33 +110,33 @@ class Observable:
 
     @property
     def quantity(self) -> Quantity:
-        """What is observed."""
+        """Description of the observed quantity."""
         return QUANTITIES[self.name]
 
     @property
     def placed(self) -> bool:
-        """Whether it is observed at an arc length, a number that may change."""
+        """Whether the place is an arc length, a number that may change."""
         return isinstance(self.place, (float, Somewhere))
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of its derivatives: of a pose six numbers, for position and rotation."""
+        """Shape of its derivatives; a pose has six numbers, for position and rotation."""
         return () if self.quantity.rates == 1 else (self.quantity.rates,)
 
     @property
     def on(self) -> int | None:
-        """The tube that the place must be on; None: it may be anywhere on the robot."""
+        """The tube on which the place must lie; None: anywhere on the robot."""
         return self.tube if self.quantity.at == "place" else None
 
     @property
     def carrier(self) -> int | None:
-        """The tube that it is of, as far as it is told."""
+        """The tube whose quantity it is, if known."""
         return self.tube if self.frame is None else self.frame
 
     def framed(self, ends: Ends) -> Observable:
-        """With the tube that is meant on a robot whose tubes end at ``ends``.
+        """Fix the tube whose frame a pose describes, on a robot whose tubes end at ``ends``.
 
-        That is the one named, the one whose distal end is the place, or the innermost that is there. It stays so when
+        It is the named tube, the tube whose distal end is the place, or the innermost tube there. It stays fixed when
         an estimate moves the ends a little.
         """
         if self.name != "pose" or self.frame is not None or isinstance(self.place, Somewhere):
@@ -145,8 +152,8 @@ class Observable:
 class Observed:
     """Values of an observable in E experiments, and their derivatives by k numbers.
 
-    ``(E, size)`` and ``(E, size, k)``; poses ``(E, 3, 4)`` with rates ``(E, 6, k)`` of position and world angular
-    velocity.
+    Shapes are ``(E, size)`` and ``(E, size, k)``. Poses are ``(E, 3, 4)``, with rates ``(E, 6, k)`` of position and
+    rotation (world angular velocity).
     """
 
     value: Array
@@ -155,9 +162,9 @@ class Observed:
 
 @attrs.frozen(eq=False)
 class Stacked:
-    """Values of observables of one quantity in one array, in the place of a list of :class:`Observed`.
+    """Values of several observables of one quantity in one array, instead of a list of :class:`Observed`.
 
-    ``(E, observables, ...)`` and ``(E, observables, ..., k)``.
+    Shapes are ``(E, observables, ...)`` and ``(E, observables, ..., k)``.
     """
 
     value: Array
@@ -165,10 +172,10 @@ class Stacked:
 
     @classmethod
     def of(cls, values: ObservedList) -> Stacked:
-        """Stack values that all have one shape."""
+        """Stack values of equal shape."""
         if isinstance(values, Stacked):
             return values
-        parts = ([getattr(one, part) for one in values] for part in ("value", "slopes"))
+        parts = ([getattr(observed, part) for observed in values] for part in ("value", "slopes"))
         return cls(*(np.stack(part, axis=1) for part in parts))
 
     @overload
@@ -178,7 +185,7 @@ class Stacked:
     def __getitem__(self, k: slice) -> Stacked: ...
 
     def __getitem__(self, k: int | slice) -> Observed | Stacked:
-        """The values of one observable, or those of some."""
+        """Select the values of one observable, or of several by a slice."""
         kind = Stacked if isinstance(k, slice) else Observed
         return kind(self.value[:, k], self.slopes[:, k])
 
@@ -188,9 +195,9 @@ ObservedList: TypeAlias = "Sequence[Observed] | Stacked"
 
 
 def posed(numbers: Array, slopes: Array) -> Observed:
-    """Poses from positions and frames ``(E, 12)``, these column by column, and their slopes ``(E, 12, k)``.
+    """Make poses from positions and frames ``(E, 12)``, frames column by column, and their slopes ``(E, 12, k)``.
 
-    Of ``dR`` the world angular velocity is ``vee(dR R^T - R dR^T) / 2``.
+    The world angular velocity of ``dR`` is ``vee(dR R^T - R dR^T) / 2``.
     """
     count = len(numbers)
     frames = np.swapaxes(numbers[:, 3:].reshape(count, 3, 3), 1, 2)

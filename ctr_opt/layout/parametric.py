@@ -1,7 +1,7 @@
-"""A robot under loads with parameters for numbers: what ``Configuration`` says, symbolically.
+"""Symbolic counterpart of ``Configuration``: a robot under loads, as expressions of parameters.
 
-Stiffnesses, preset curvatures, break points and loads are expressions of the parameters that are asked for and plain
-numbers elsewhere; which section they belong to is told by an ``Order``.
+Stiffnesses, preset curvatures, break points and loads are expressions of the requested parameters and plain numbers
+otherwise. An ``Order`` says to which section they belong.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .parametric_robot import ParametricRobot
 
 @attrs.frozen(eq=False)
 class Density:
-    """A load per arc length: ``rows[j] + slopes[j] (s - arc_length[j])`` behind knot ``j``; or a ``function``."""
+    """A symbolic load density: ``rows[j] + slopes[j] (s - arc_length[j])`` behind knot ``j``, or a ``function``."""
 
     knots: list[Key] = attrs.field(factory=list)
     arc_length: list[float] = attrs.field(factory=list)
@@ -35,7 +35,7 @@ class Density:
 
 @attrs.frozen(eq=False)
 class SymbolicPush:
-    """A push with parameters for numbers: at the point ``start``, or up to ``end`` with a :class:`Density`."""
+    """A push in expressions of parameters: at the point ``start``, or up to ``end`` with densities."""
 
     push: Push
     start: Key
@@ -43,10 +43,10 @@ class SymbolicPush:
 
 
 class Parametric(ParametricRobot):
-    """The configuration with the ``values`` of some parameters, columns of symbols, in the place of its own.
+    """A configuration in which columns of symbols, ``values``, replace some parameters.
 
-    ``probes`` are arc lengths that are to be break points, on a tube or (None) on the robot; under that name they may
-    have symbols among the values. What the loads come to is ``placed``.
+    ``probes`` are arc lengths on a tube, or (None) on the robot, that become break points. The name ``"probes"`` in
+    ``values`` may give symbols for them. ``placed`` holds the pushes of the loads.
     """
 
     def __init__(
@@ -57,13 +57,13 @@ class Parametric(ParametricRobot):
         clip: bool = False,
     ) -> None:
         super().__init__(configuration, values, clip)
-        self.within: list[Any] = []  # what must not be negative: how far loads are from the ends of their tubes
+        self.within: list[Any] = []  # distances of loads from the ends of their tubes, which must not be negative
         loads = configuration.loads
         pulling = [self._number(k, load, load.pulls) for k, load in enumerate(loads) if load.pulls]
         gravity, masses = sum(pulling, ca.DM.zeros(3)), self._masses() if pulling else []
         numbers = [partial(self._number, k, load) for k, load in enumerate(loads)]
         self.placed = [self._placed(k, loads[k], push) for k, push in pushes_of(loads, numbers, gravity, masses)]
-        self._fix_others()
+        self._fix_resolving_points()
         moving = values.get("probes")
         for k, (s, tube) in enumerate(probes):
             end = self.length if tube is None else self.tube_ends[tube]
@@ -71,20 +71,20 @@ class Parametric(ParametricRobot):
 
     @property
     def margin(self) -> Any:
-        """How far the robot is from what it cannot be, m: loads beyond their tubes, tubes drawn out or in too far."""
+        """Distance to the nearest infeasible configuration, m: a load beyond its tube, or a tube moved too far."""
         return reduce(ca.fmin, [*self.within, *self.tube_ends, *(-beta for beta in self.translations)])
 
     def _number(self, k: int, load: Load, field: str) -> Any:
-        """A load's number: a scalar, a column, a table of columns, or a function."""
-        given, name = getattr(load, field), f"loads[{k}].{field}"
-        if isinstance(given, LoadTable):
-            return LoadTable(given.arc_length, self.rows(name))
-        if callable(given):
-            return given
-        return self.vector(name) if np.ndim(given) else self.at(name)
+        """Return a load's number: a scalar, a column, a table of columns, or a function."""
+        value, name = getattr(load, field), f"loads[{k}].{field}"
+        if isinstance(value, LoadTable):
+            return LoadTable(value.arc_length, self.rows(name))
+        if callable(value):
+            return value
+        return self.vector(name) if np.ndim(value) else self.at(name)
 
     def _masses(self) -> list[Any]:
-        """The tubes' masses per length; None where there is none."""
+        """Masses per length of the tubes; None for a tube without mass."""
         masses = []
         for i, tube in enumerate(self.configuration.robot.tubes):
             name = f"tubes[{i}]."
@@ -103,7 +103,7 @@ class Parametric(ParametricRobot):
         return SymbolicPush(push._replace(force=force, moment=moment), start, end[0])
 
     def _point(self, k: int, field: str, nominal: float | None, tube: int) -> Key:
-        """The break point where a load acts, begins or ends."""
+        """Add the break point where a load acts, begins or ends."""
         name = f"loads[{k}].{field}"
         if nominal is None:
             return self.tube_end(tube)
@@ -126,8 +126,8 @@ class Parametric(ParametricRobot):
                 knots.append(self.add(("knot", k, field, m), s, s, self.points[self.tube_end(tube)]))
         return Density(knots, places, rows, slopes)
 
-    def _fix_others(self) -> None:
-        """Break points of the configuration by which loads given as functions are resolved stay where they are."""
+    def _fix_resolving_points(self) -> None:
+        """Fix the break points that resolve loads given as functions where the configuration has them."""
         known = np.array(list(self.nominal.values()))
         for k, s in enumerate(self.configuration.break_points):
             if np.abs(known - s).min() > self.configuration.ends.slack:

@@ -1,4 +1,4 @@
-"""The data of steps and of the entry point as expressions of parameters, in the columns that ``columns.py`` packs."""
+"""Data of steps and of the entry point as expressions of parameters, in the columns that ``columns.py`` packs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .parametric import Density, Parametric
 
 @attrs.frozen(eq=False)
 class SampledLoad:
-    """The values ``(3, places)`` of a load given as a function of numbers, at places that parameters may move."""
+    """Values ``(3, places)`` of a load given as a function, at places that parameters may move."""
 
     places: Any
     value: Any
@@ -30,7 +30,7 @@ class SampledLoad:
 
 
 class ParametricColumns:
-    """Columns of a parametric robot whose break points stand in an order."""
+    """Columns of a parametric robot whose break points have an order."""
 
     def __init__(self, parametric: Parametric, order: Order, kind: Kind) -> None:
         self.parametric = parametric
@@ -43,12 +43,12 @@ class ParametricColumns:
         self._pieces: dict[tuple[int, int], tuple[Any, list[Any]]] = {}
 
     def place(self, section: int, fraction: float) -> Any:
-        """``s`` at a fraction of a section."""
+        """Arc length ``s`` at a fraction of a section."""
         start, end = self.order.places[section], self.order.places[section + 1]
         return start + float(fraction) * (end - start)
 
     def step(self, section: int, low: float, high: float, fractions: Array, *, jump: bool = True) -> Any:
-        """The column of a step between two fractions of a section, with point loads at its end, if it ends that."""
+        """Column of a step between two fractions of a section; the last step includes point loads at its end."""
         layout = StepColumns(self.parametric.tubes, len(fractions), self.kind)
         start, end, nodes = self._nodes(section, low, high, fractions)
         of, order, tubes = self.parametric, self.order, range(self.parametric.tubes)
@@ -62,17 +62,17 @@ class ParametricColumns:
         return _column(data, layout.parts, layout.units(self._scales))
 
     def slopes(self, section: int, low: float, high: float, fractions: Array) -> Any:
-        """``du*_i / ds (3 tubes,)`` at the nodes of such a step, one node behind the other, dimensionless."""
+        """Slopes ``du*_i / ds (3 tubes,)`` at the nodes of a step, one node behind the other, dimensionless."""
         *_, nodes = self._nodes(section, low, high, fractions)
         return self._curvatures(section, nodes, derivative=True) * self._scales.length**2
 
     def _nodes(self, section: int, low: float, high: float, fractions: Array) -> tuple[Any, Any, Any]:
-        """Start and end of a step, and its nodes in a row."""
+        """Arc lengths of a step's start, end, and nodes in a row."""
         start, end = self.place(section, low), self.place(section, high)
         return start, end, start + ca.SX(ca.DM(fractions)).T * (end - start)
 
     def entry(self, total_force: Any) -> Any:
-        """The column of the entry point; ``total_force`` is that of the dead loads behind it, dimensionless."""
+        """Column of the entry point; ``total_force`` of the dead loads beyond it is dimensionless."""
         of, robot = self.parametric, self.parametric.configuration.robot
         layout = EntryColumn(of.tubes, self.kind)
         rotations, moved, turned = of.base
@@ -92,13 +92,13 @@ class ParametricColumns:
 
     @property
     def straightening_energy(self) -> Any:
-        """Of curved parts held straight behind the entry point, J."""
+        """Energy of curved parts held straight behind the entry point, J."""
         return sum(self.parametric.energy_behind(self.order, i) for i in range(self.parametric.tubes))
 
     # -- parts -----------------------------------------------------------------------------------------------------
 
     def _curvatures(self, section: int, nodes: Any, *, derivative: bool = False) -> Any:
-        """``u*_i`` of all tubes at places in a section, or the derivatives by ``s``, one place behind the other."""
+        """Precurvatures of all tubes at places in a section, or their derivatives by ``s``, place behind place."""
         values = []
         for i in range(self.parametric.tubes):
             if (i, section) not in self._pieces:
@@ -113,7 +113,7 @@ class ParametricColumns:
         return ca.vec(ca.vertcat(*values))
 
     def _distributed(self, section: int, nodes: Any) -> dict[str, Any]:
-        """Loads per arc length at places in a section."""
+        """Data of loads per arc length at places in a section."""
         total = _Sums(self.parametric.tubes, nodes.shape[1], self.kind.fields)
         for placed in self.parametric.placed:
             weight = 0.0 if placed.end is None else self.order.within(placed.start, placed.end, section)
@@ -124,7 +124,7 @@ class ParametricColumns:
         return self._named(total, nodes, "")
 
     def _points(self, position: int, s: Any, *, active: bool) -> dict[str, Any]:
-        """Point loads at a position."""
+        """Data of point loads at a position."""
         total = _Sums(self.parametric.tubes, 1, self.kind.fields)
         for placed in self.parametric.placed if active else ():
             if placed.end is None:
@@ -139,7 +139,7 @@ class ParametricColumns:
         return {prefix + name: part for name, part in data.items()}
 
     def _density(self, density: Density, section: int, nodes: Any) -> Any:
-        """A load per arc length at places in a section, ``(3, places)``."""
+        """Value of a load per arc length at places in a section, ``(3, places)``."""
         if density.function is not None:
             value = ca.SX.sym("load", 3, nodes.shape[1])
             self.samples.append(SampledLoad(nodes, value, density.function))
@@ -157,7 +157,7 @@ class ParametricColumns:
 
 
 class _Sums:
-    """Forces and the tubes' moments that add up at places, ``(.., places)`` by name, and the factors of ``fields``."""
+    """Sums of forces and tubes' moments at places, ``(.., places)`` by name, and of the factors of ``fields``."""
 
     def __init__(self, tubes: int, places: int, fields: tuple[Field, ...]) -> None:
         rows = {"force": 3, "moment": 3 * tubes, "body_force": 3 * tubes, "body_moment": 3 * tubes}
@@ -166,12 +166,12 @@ class _Sums:
         self.fields = fields
 
     def add(self, push: Push, weight: Any, force: Any, moment: Any) -> None:
-        own, prefix = slice(3 * push.tube, 3 * push.tube + 3), "body_" if push.body else ""
+        rows, prefix = slice(3 * push.tube, 3 * push.tube + 3), "body_" if push.body else ""
         if push.field is not None:
             self.parts["field"][self.fields.index(push.field)] += weight * push.factor
         else:
-            self.parts[f"{prefix}force"][own if push.body else slice(0, 3), :] += weight * force
-            self.parts[f"{prefix}moment"][own, :] += weight * moment
+            self.parts[f"{prefix}force"][rows if push.body else slice(0, 3), :] += weight * force
+            self.parts[f"{prefix}moment"][rows, :] += weight * moment
 
 
 def _column(data: dict[str, Any], parts: dict[str, slice], units: dict[str, float]) -> Any:
@@ -179,7 +179,7 @@ def _column(data: dict[str, Any], parts: dict[str, slice], units: dict[str, floa
 
 
 def fractions_of(mesh: Array, start: float, end: float, slack: float) -> Array:
-    """Where the nodes of a mesh cut a section, as fractions of it, both ends included."""
+    """Fractions of a section at which the nodes of a mesh cut it, both ends included."""
     if end - start <= slack:
         return np.array([0.0, 1.0])
     nodes = mesh[1:, 0]

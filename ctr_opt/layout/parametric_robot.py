@@ -1,4 +1,4 @@
-"""A robot with parameters for numbers, and the break points that belong to its tubes."""
+"""A robot in expressions of parameters, and the break points of its tubes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .ordering import ENTRY, Key, Order
 
 
 class ParametricRobot:
-    """The robot of a configuration with the ``values`` of some parameters, columns of symbols, in place of its own.
+    """The robot of a configuration in which columns of symbols, ``values``, replace some parameters.
 
-    Where the order of break points is not known, ``clip`` keeps each on its tube.
+    ``clip`` keeps each break point on its tube, for when the order of break points is not known.
     """
 
     def __init__(self, configuration: Configuration, values: Mapping[str, Any], clip: bool) -> None:
@@ -39,24 +39,24 @@ class ParametricRobot:
     # -- values ----------------------------------------------------------------------------------------------------
 
     def at(self, name: str, k: int = 0) -> Any:
-        """One number of a parameter."""
+        """Return one number of a parameter."""
         if name in self.values:
             return self.values[name][k]
         return float(self._known[name].value.flat[k])
 
     def vector(self, name: str) -> Any:
-        """A parameter of three, as a column."""
+        """Return a parameter of three numbers as a column."""
         return self.rows(name)[0]
 
     def rows(self, name: str) -> list[Any]:
-        """The rows of three of a parameter, as columns."""
+        """Return the rows of three numbers of a parameter as columns."""
         if name in self.values:
             return [self.values[name][3 * k : 3 * k + 3] for k in range(self.values[name].shape[0] // 3)]
         return [ca.DM(row) for row in self._known[name].value.reshape(-1, 3)]
 
     @cached_property
     def stiffness(self) -> Stiffness:
-        """The stiffnesses of the tubes ``(tubes,)``."""
+        """Stiffnesses of the tubes ``(tubes,)``."""
         return Stiffness.of(lambda field: ca.vertcat(*(self._stiffness(i, field) for i in range(self.tubes))))
 
     def _stiffness(self, i: int, field: str) -> Any:
@@ -67,14 +67,14 @@ class ParametricRobot:
 
     @property
     def base(self) -> tuple[Any, Any, Any]:
-        """Rotations; translation and angles of the entry point relative to the robot's base pose."""
+        """The rotations, and translation and angles of the entry point relative to the robot's base pose."""
         rotations = ca.vertcat(*(self.at("rotations", i) for i in range(self.tubes)))
         return rotations, self.vector("base.translation"), self.vector("base.rotation")
 
     # -- preset curvatures -----------------------------------------------------------------------------------------
 
     def _shape(self, i: int) -> list[tuple[Key, list[Any]]]:
-        """The pieces of a tube: the break point where each begins, and coefficients of powers of ``s`` from there."""
+        """Pieces of a tube: the break point where each begins, and coefficients of powers of ``s`` from there."""
         tube = self.configuration.robot.tubes[i]
         starts, end = list(tube.shape.breaks), self.translations[i]
         pieces: list[tuple[Key, list[Any]]] = []
@@ -82,8 +82,8 @@ class ParametricRobot:
         for k, piece in enumerate(tube.precurvature):
             name = f"tubes[{i}].precurvature[{k}]"
             stretch = self.at(f"{name}.length") / piece.length
-            own = self.rows(f"{name}.{piece.rows}") if piece.rows else [ca.DM.zeros(3)]
-            for width, rows in piece.parts(own, stretch):
+            curvature = self.rows(f"{name}.{piece.rows}") if piece.rows else [ca.DM.zeros(3)]
+            for width, rows in piece.parts(curvature, stretch):
                 pieces.append((("tube", i, len(pieces)), rows))
                 end = end + width
                 nominal = float(self.configuration.translations[i] + starts[len(pieces)])
@@ -91,23 +91,23 @@ class ParametricRobot:
         return pieces
 
     def tube_end(self, i: int) -> Key:
-        """The break point where a tube ends."""
+        """Name of the break point where a tube ends."""
         return ("tube", i, len(self.shapes[i]))
 
     @property
     def tube_ends(self) -> list[Any]:
-        """Where the tubes end."""
+        """Arc lengths of the tubes' ends."""
         return [self.points[self.tube_end(i)] for i in range(self.tubes)]
 
     @cached_property
     def chained_ends(self) -> dict[Key, Any]:
-        """The tubes' ends, those that are one point made equal, to compare with."""
+        """The tubes' ends with coinciding ones made equal, for comparisons."""
         ends = chained_symbols(self.tube_ends, self.configuration.ends.slack)
         return {self.tube_end(i): end for i, end in enumerate(ends)}
 
     @property
     def length(self) -> Any:
-        """The end of the outermost tube that ends at the tip, which comes last in an order."""
+        """Length of the robot: the end of the outermost tube that ends at the tip, which comes last in an order."""
         weights = first_at_tip([*self.chained_ends.values()][::-1])[::-1]
         return sum(weight * end for weight, end in zip(weights, self.tube_ends, strict=True))
 
@@ -117,11 +117,11 @@ class ParametricRobot:
         return ca.vertcat(*first_at_tip([*self.chained_ends.values()]))
 
     def present(self, order: Order, i: int, section: int) -> Any:
-        """One if a tube exists in a section."""
+        """Return one if a tube exists in a section."""
         return 1.0 - order.passed(self.tube_end(i), section)
 
     def precurvature(self, order: Order, i: int, section: int) -> tuple[Any, list[Any]]:
-        """``u*_i`` in a section: from where it is counted, and the coefficients of powers; zero past the tube's end."""
+        """Precurvature of a tube in a section: its origin and coefficients of powers; zero past the tube's end."""
         start, rows = 0.0, [ca.SX.zeros(3) for _ in range(max(len(rows) for _, rows in self.shapes[i]))]
         for j, (key, coefficients) in enumerate(self.shapes[i]):
             weight = order.within(key, ("tube", i, j + 1), section)
@@ -141,7 +141,7 @@ class ParametricRobot:
         return twist
 
     def energy_behind(self, order: Order, i: int) -> Any:
-        """Energy of holding curved parts straight behind the entry point, J."""
+        """Energy that holds curved parts of a tube straight behind the entry point, J."""
         energy, stiffness = ca.SX(0), self.stiffness.of_tube(i)
         for low, high, rows in self._pieces_behind(order, i):
             half, middle = 0.5 * (high - low), 0.5 * (high + low)
@@ -152,7 +152,7 @@ class ParametricRobot:
         return energy
 
     def _pieces_behind(self, order: Order, i: int) -> Iterator[tuple[Any, Any, list[Any]]]:
-        """The parts of a tube's pieces behind the entry point: where they begin and end in the piece, coefficients."""
+        """Yield the parts of a tube's pieces behind the entry point: start and end in the piece, and coefficients."""
         for j, (key, rows) in enumerate(self.shapes[i]):
             rank = order.ranks[key]
             if not (isinstance(rank, int) and rank >= 0):
@@ -162,7 +162,7 @@ class ParametricRobot:
     # -- break points ---------------------------------------------------------------------------------------------
 
     def add(self, key: Key, value: Any, nominal: float, end: Any = None) -> Key:
-        """A break point, which is kept in front of the ``end`` of what carries it."""
+        """Add a break point, kept in front of the ``end`` of its tube if points are clipped."""
         if self.clip and end is not None:
             value = ca.if_else(value <= end, value, end)
         self.points[key] = value

@@ -1,4 +1,4 @@
-"""Loads on a robot, one file a kind: frozen, validated values in plain numpy."""
+"""Loads on a robot, one file per kind: frozen, validated values in plain numpy."""
 
 from __future__ import annotations
 

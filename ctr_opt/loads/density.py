@@ -1,4 +1,4 @@
-"""Loads per arc length: a constant ``(3,)``, a table, or a user's function of ``s``."""
+"""Load densities: a constant ``(3,)`` per arc length, a table, or a user's function of ``s``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class LoadTable:
     values: Any
 
     def polynomial(self) -> PiecewisePolynomial:
-        """The interpolant; zero outside the table."""
+        """Return the interpolant between the first and the last point of the table."""
         slopes = np.diff(self.values, axis=0) / np.diff(self.arc_length)[:, None]
         return PiecewisePolynomial(self.arc_length, np.stack((self.values[:-1], slopes)))
 
@@ -39,10 +39,10 @@ Density: TypeAlias = Array | LoadTable | LoadFunction
 
 
 class DensityEntry(Entry):
-    """What a density must be."""
+    """Entry for a load density."""
 
     def checked(self, value: Any, field: str) -> Density:
-        """A density as a user gives it, clean."""
+        """Check a density as a user gives it, and return it clean."""
         return _density(value, field, self.unit)
 
 
@@ -54,7 +54,8 @@ def _density(value: Any, field: str, unit: str) -> Density:
         table = array(value[1], f"{field}[1] (values)", (None, 3), unit=unit)
         if len(s) < 2 or len(s) != len(table):
             raise DefinitionError(
-                f"{field}: a table needs at least 2 arc lengths and as many rows, got {len(s)} and {len(table)}"
+                f"{field}: a table needs at least 2 arc lengths and a row for each, but has {len(s)} arc lengths "
+                f"and {len(table)} rows"
             )
         if np.any(np.diff(s) <= 0.0):
             k = int(np.argmax(np.diff(s) <= 0.0)) + 1
@@ -74,12 +75,12 @@ DENSITY_EQ = attrs.cmp_using(eq=_same)
 
 
 def numbers_of(density: Any) -> Any:
-    """The values of a table; anything else as it is."""
+    """Return the values of a table; any other density unchanged."""
     return density.values if isinstance(density, LoadTable) else density
 
 
 def scaled(density: Any, factor: float) -> Any:
-    """A density, or a number, multiplied."""
+    """Multiply a density, or a number, by a factor."""
     if isinstance(density, LoadTable):
         return attrs.evolve(density, values=factor * density.values)
     if callable(density):
@@ -88,26 +89,26 @@ def scaled(density: Any, factor: float) -> Any:
 
 
 def acts(density: Density) -> bool:
-    """Whether it is not zero everywhere."""
+    """Whether a density may be nonzero somewhere; a function always may."""
     return callable(density) or bool(np.any(numbers_of(density)))
 
 
 def knots(density: Density, start: float, end: float, field: str) -> Sequence[float]:
-    """Where steps between ``start`` and ``end`` must end to see all of it; ``field`` is its name in messages."""
+    """Arc lengths between ``start`` and ``end`` where integration steps must end; messages name ``field``."""
     if isinstance(density, LoadTable):
         return density.arc_length[(density.arc_length > start) & (density.arc_length < end)].tolist()  # type: ignore[no-any-return]
     return resolve(density, start, end, field) if callable(density) else ()
 
 
 def largest(density: Density, start: float, end: float) -> float:
-    """A rough upper bound of its norm."""
+    """Rough upper bound of a density's norm between ``start`` and ``end``."""
     if callable(density):
         return max(float(np.linalg.norm(called(density, float(s), "load"))) for s in np.linspace(start, end, 9))
     return float(np.linalg.norm(numbers_of(density), axis=-1).max())
 
 
 def values_at(density: Density, s: Array, middle: Array, field: str) -> Array:
-    """Values ``(k, nodes, 3)`` at ``s (k, nodes)`` of steps whose sections hold ``middle (k,)``."""
+    """Values ``(k, nodes, 3)`` of a density at ``s (k, nodes)`` of steps whose sections contain ``middle (k,)``."""
     if isinstance(density, LoadTable):
         polynomial = density.polynomial()
         covered = (middle > density.arc_length[0]) & (middle < density.arc_length[-1])
@@ -119,7 +120,7 @@ def values_at(density: Density, s: Array, middle: Array, field: str) -> Array:
 
 
 def value_at(density: Density, s: float) -> Array:
-    """The value ``(3,)`` at a place, within a table that ends there."""
+    """Value ``(3,)`` of a density at ``s``; the ends of a table belong to it."""
     if isinstance(density, LoadTable):
         return np.array([np.interp(s, density.arc_length, column, 0.0, 0.0) for column in density.values.T])
     return np.asarray(density(s) if callable(density) else density, dtype=np.float64)

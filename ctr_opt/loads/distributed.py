@@ -1,4 +1,4 @@
-"""A wrench per arc length on an interval of a tube."""
+"""Distributed wrench: a force and a moment per arc length on an interval of a tube."""
 
 from __future__ import annotations
 
@@ -18,16 +18,20 @@ class DistributedLoad(Wrench):
     Parameters
     ----------
     force, moment
-        N/m and N m/m: constant ``(3,)``; or a pair ``(s (k,), values (k, 3))``, interpolated
-        linearly and zero outside; or a function ``s -> (3,)``, of which
-        features narrower than a thousandth of the interval may be missed. The moment about
-        the backbone's tangent twists the named tube alone.
+        N/m and N m/m: a constant ``(3,)``; a pair ``(s (k,), values (k, 3))``, interpolated linearly and zero
+        outside; or a function ``s -> (3,)``. Features of a function that are narrower than a thousandth of the
+        interval may be missed. The moment about the backbone's tangent twists the named tube alone.
     start, end
         ``s`` from the entry point, m; ``end=None``: the named tube's distal end.
     tube
-        Index of the tube that carries it, 0 the innermost.
+        Index of the tube that carries the load, 0 the innermost.
     frame
         ``"world"`` or ``"body"``, as in :class:`PointWrench`.
+
+    Raises
+    ------
+    DefinitionError
+        A value has the wrong shape or range, or ``end`` is not above ``start``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What loads that a user gives as CasADi expressions have in common."""
+"""Common part of user-defined loads given as CasADi expressions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SHAPES = {"s": (1, 1), "p": (3, 1), "R": (3, 3)}
 
 
 def expression(value: Any, field: str, finish: Callable[[Any], Sequence[Any]]) -> ca.Function:
-    """The user's function, called once with symbols and kept as a CasADi function."""
+    """Call the user's function once with symbols and keep the result as a CasADi function."""
     names = _ARGUMENTS[field]
     if isinstance(value, ca.Function) and value.name() == field and _is_checked(value, field):
         return value
@@ -41,20 +41,20 @@ def expression(value: Any, field: str, finish: Callable[[Any], Sequence[Any]]) -
 
 
 def _is_checked(function: ca.Function, field: str) -> bool:
-    """Whether a CasADi function is one that was made here, of a load that is copied."""
-    given = [function.size_in(i) for i in range(function.n_in())]
-    returned = [function.size_out(i) for i in range(function.n_out())]
-    wanted = [(1, 1)] if field == "potential" else [(3, 1), (3, 1)]
-    arguments = [_SHAPES[name] for name in _ARGUMENTS[field]]
-    return function.is_a("SXFunction") and given == arguments and returned == wanted
+    """Whether :func:`expression` made this CasADi function, for a load that is now copied."""
+    inputs = [function.size_in(i) for i in range(function.n_in())]
+    outputs = [function.size_out(i) for i in range(function.n_out())]
+    expected_outputs = [(1, 1)] if field == "potential" else [(3, 1), (3, 1)]
+    expected_inputs = [_SHAPES[name] for name in _ARGUMENTS[field]]
+    return function.is_a("SXFunction") and inputs == expected_inputs and outputs == expected_outputs
 
 
 def entries(value: Any, rows: int, what: str) -> ca.SX:
-    """What an expression returned, as a column."""
+    """Convert the result of a user's function to a column of ``rows`` entries; messages call it ``what``."""
     result = ca.SX(ca.vertcat(*value)) if isinstance(value, (list, tuple)) else ca.SX(value)
     if result.shape != (rows, 1):
         wanted = "a scalar" if rows == 1 else f"a vector of {rows}"
-        raise DefinitionError(f"{what} must be {wanted}, but has the shape {result.shape}")
+        raise DefinitionError(f"{what} must be {wanted}, but has shape {result.shape}")
     return ca.densify(result)
 
 
@@ -63,7 +63,7 @@ CONTENT_EQ = attrs.cmp_using(eq=lambda a, b: a.serialize() == b.serialize())
 
 @attrs.frozen
 class Expressed(Load):
-    """Where such a load acts."""
+    """Base of loads given as expressions: where the load acts, and its factor."""
 
     entries = described(factor=Entry("1"), **place.POINT, start=place.ARC_LENGTH, end=place.ARC_LENGTH)
     arc_length: float | None = attrs.field(default=None, converter=given, kw_only=True)
@@ -83,24 +83,24 @@ class Expressed(Load):
 
     @property
     def distributed(self) -> bool:
-        """Whether it acts per arc length, between ``start`` and ``end``."""
+        """Whether the load acts per arc length, between ``start`` and ``end``."""
         return self.start is not None or self.end is not None
 
     @property
     def places(self) -> tuple[str, ...]:
-        """The arguments that say where it acts."""
+        """Names of the arguments that say where the load acts."""
         return ("start", "end") if self.distributed else ("arc_length",)
 
     @property
     def field(self) -> Field:
-        """The expression."""
+        """The load's expression, without its place and factor."""
         raise NotImplementedError
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
-        """The expression times the factor, unless that is zero."""
+        """Yield the expression times the factor; nothing if the factor is zero."""
         if self.factor != 0.0:
             yield Push(self.tube, self.places, field=self.field, factor=number("factor"))
 
     def idle(self, pulled: bool) -> str:  # noqa: ARG002
-        """Why no number of it acts."""
+        """Why none of the load's numbers acts; empty if they act."""
         return "" if self.factor != 0.0 else "factor = 0 leaves the load out"

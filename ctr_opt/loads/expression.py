@@ -1,4 +1,4 @@
-"""A force and a moment of place, position and orientation, given as CasADi expressions."""
+"""User-defined force and moment: CasADi expressions of arc length, position and orientation."""
 
 from __future__ import annotations
 
@@ -28,21 +28,30 @@ def _function(value: Any) -> ca.Function:
 
 @attrs.frozen
 class ExpressionLoad(Expressed):
-    """Any force and moment that depend on place, position and orientation: a magnetic field, a fluid's drag.
+    """A user-defined force and moment that may depend on arc length, position and orientation.
+
+    Examples are a magnetic field and the drag of a fluid.
 
     Parameters
     ----------
     function
-        ``(s, p, R) -> (force, moment)``: CasADi expressions ``(3,)`` each, world frame, of the arc length ``s`` (m),
-        the position ``p (3,)`` (m, world frame) and the named tube's material frame ``R (3, 3)``; N and N m at a
-        point, N/m and N m/m per arc length. They must be continuous; where one jumps in ``s``, cut it into loads with
-        ``start`` and ``end`` of their own, and do so for one that is narrower than a thousandth of its interval.
+        ``(s, p, R) -> (force, moment)``: CasADi expressions, ``(3,)`` each, in the world frame. ``s`` is the arc
+        length (m), ``p (3,)`` the position (m, world frame), ``R (3, 3)`` the named tube's material frame. Units are
+        N and N m at a point, N/m and N m/m per arc length. The expressions must be continuous. Split a load that jumps
+        in ``s`` into several with adjoining ``start`` and ``end``. Also bound a load that is narrower than a
+        thousandth of its interval by ``start`` and ``end``.
     arc_length, start, end, tube, factor
         As in :class:`PotentialLoad`.
 
+    Raises
+    ------
+    DefinitionError
+        The function fails, or returns something other than two CasADi vectors of three.
+
     Notes
     -----
-    It is taken to have no potential: ``formulation="energy"`` refuses it. Otherwise as :class:`PotentialLoad`.
+    The load is taken to have no potential: ``formulation="energy"`` refuses it. Otherwise :class:`PotentialLoad`'s
+    notes apply.
 
     Examples
     --------
@@ -57,10 +66,10 @@ class ExpressionLoad(Expressed):
 
     @property
     def nonconservative(self) -> str:
-        """Why it is taken to have no potential."""
+        """Why the load is taken to have no potential."""
         return "is given as an expression (ExpressionLoad)"
 
     @property
     def field(self) -> Field:
-        """The expression."""
+        """The load's expression, without its place and factor."""
         return free(self.function, self.tube)

@@ -1,4 +1,4 @@
-"""A load given as a CasADi expression of where the robot is, without its place and factor."""
+"""Loads given as CasADi expressions of the robot's position and orientation, without place and factor."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import casadi as ca
 
 @attrs.frozen
 class Field:
-    """A load given as an expression, on one tube; two of the same content are the same, unless their ``slot`` differs.
+    """A load given as an expression, on one tube; fields of equal content, tube and ``slot`` are equal.
 
-    The expression may depend on ``parameters`` numbers, which are data: fields that differ in them alone share their
-    equations. Each has a slot of its own, as they do not add up.
+    The expression may depend on a number of ``parameters``. Their values are data, so fields that differ only in these
+    values share their equations. Such fields have different slots, because their factors cannot be added.
     """
 
     content: str
@@ -27,22 +27,22 @@ class Field:
 
     @property
     def conservative(self) -> bool:
-        """Whether it is a potential."""
+        """Whether the expression is a potential."""
         return self.downhill is not None
 
     @property
     def varies_along(self) -> bool:
-        """Whether it depends on the arc length itself."""
+        """Whether the expression depends explicitly on the arc length."""
         if self.conservative:
             return False
         return any(self.function.jac_sparsity(i, 0).nnz() > 0 for i in range(2))
 
     def energy(self, position: Any, numbers: Any) -> Any:
-        """``V(p)`` with its parameters' ``numbers``; SI."""
+        """Evaluate the potential ``V(p)`` with its parameters' ``numbers``, SI."""
         return self.function(position, numbers) if self.parameters else self.function(position)
 
     def wrench(self, s: Any, position: Any, frame: Any, numbers: Any) -> tuple[Any, Any]:
-        """Force and moment, world frame, at a place where the tube's material frame is ``frame``; SI."""
+        """Evaluate force and moment, world frame, SI; ``frame`` is the tube's material frame there."""
         if self.downhill is not None:
             force = self.downhill(position, numbers) if self.parameters else self.downhill(position)
             return force, ca.DM.zeros(3)
@@ -51,7 +51,7 @@ class Field:
 
 
 def parted(fields: Sequence[Field], numbers: Any) -> Iterator[Any]:
-    """The numbers of each field's parameters, out of those of all, one behind the other."""
+    """Split a vector of all fields' numbers into the numbers of each field."""
     start = 0
     for field in fields:
         yield numbers[start : start + field.parameters]
@@ -60,13 +60,13 @@ def parted(fields: Sequence[Field], numbers: Any) -> Iterator[Any]:
 
 @lru_cache(maxsize=64)
 def free(function: ca.Function, tube: int) -> Field:
-    """Of a force and a moment ``(s, p, R) -> (force, moment)``."""
+    """Make the field of a force and a moment, ``(s, p, R) -> (force, moment)``."""
     return Field(function.serialize(), tube, function)
 
 
 @lru_cache(maxsize=64)
 def potential(function: ca.Function, tube: int) -> Field:
-    """Of a potential ``V(p)``, or ``V(p, numbers)``."""
+    """Make the field of a potential, ``V(p)`` or ``V(p, numbers)``."""
     symbols = [ca.SX.sym(name, *function.size_in(name)) for name in function.name_in()]
     downhill = ca.Function("downhill", symbols, [ca.densify(-ca.gradient(function(*symbols), symbols[0]))])
-    return Field(function.serialize(), tube, function, downhill, sum(int(other.shape[0]) for other in symbols[1:]))
+    return Field(function.serialize(), tube, function, downhill, sum(int(symbol.shape[0]) for symbol in symbols[1:]))

@@ -1,4 +1,4 @@
-"""Gravity: the weight of tubes, and what masses need to act."""
+"""Gravity: the weight of tubes and masses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .kind import Load, Number, Push
 
 @attrs.frozen
 class Gravity(Load):
-    """Gravity: acts on every tube by its density, and on all masses.
+    """Gravity on the robot: the weight of every tube with a density, and of all masses.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Gravity(Load):
     acceleration: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
-        """The weight of every tube in front of the entry point."""
+        """Yield the weight of each tube with a density, in front of the entry point."""
         for tube, mass in enumerate(masses):
             if mass is not None:
                 yield Push(tube, ("start", "end"), mass * number("acceleration"))

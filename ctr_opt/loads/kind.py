@@ -1,7 +1,7 @@
-"""What a load is: numbers with names, and what it comes to in points and spans of force and moment.
+"""Interface of a load: named numbers, lowered to forces and moments at points and along spans.
 
-The engine never asks for a load's kind. It takes what the load lowers itself to (:class:`Push`), asks for its numbers
-by name, multiplies it, and keeps it on its tube.
+The engine never asks for a load's kind. It uses the pushes to which the load is lowered (:class:`Push`), gets its
+numbers by name, multiplies it, and keeps it on its tube.
 """
 
 from __future__ import annotations
@@ -21,20 +21,19 @@ from .density import LoadTable, numbers_of, scaled
 from .field import Field
 
 Number = Callable[[str], Any]
-"""A load's number by its name: as it is, or a symbol in its place."""
+"""A lookup of a load's number by name: the number itself, or a symbol in its place."""
 _ZERO = np.zeros(3)
 _PLACES = ("arc_length", "start", "end")
 _CALLED = "it is a function"
 
 
 class Push(NamedTuple):
-    """What acts on one tube, in numbers or in symbols.
+    """One action on one tube, in numbers or in symbols.
 
-    ``places`` names the load's arguments that say where: one for a point, two for a span. ``force`` and ``moment`` are
-    vectors, N and N m, and densities along a span; world-fixed, or in the tube's material frame (``body``, which
-    follows from the load's ``frame``). Instead of them, an expression ``field`` with its parameters' ``numbers``,
-    multiplied by ``factor``. Figures show it tied to
-    the ``anchor (3,)`` in the world, m.
+    ``places`` names the load's arguments that say where it acts: one for a point, two for a span. ``force`` and
+    ``moment`` are vectors, N and N m, or densities along a span. They are world-fixed, or with ``body`` (from the
+    load's ``frame``) in the tube's material frame. An expression ``field``, with its parameters' ``numbers`` and
+    multiplied by ``factor``, replaces them if given. Figures show the push tied to the ``anchor (3,)`` in the world, m.
     """
 
     tube: int
@@ -49,82 +48,82 @@ class Push(NamedTuple):
 
     @property
     def constant(self) -> bool:
-        """Whether it is a force and a moment that do not vary along a span, in numbers."""
+        """Whether force and moment are numbers that do not vary along a span."""
         return self.field is None and isinstance(self.force, np.ndarray) and isinstance(self.moment, np.ndarray)
 
 
 class Load(Checked):
-    """A load on a robot."""
+    """Base of all loads on a robot."""
 
     __slots__ = ()
 
     frame: str = "world"
-    """Of what frame its forces and moments keep their components: ``"world"``, or ``"body"``, its tube's own."""
+    """Frame in which force and moment have constant components: ``"world"``, or ``"body"``, the tube's frame."""
     pulls: ClassVar[str] = ""
-    """The argument by which it accelerates masses, if it does."""
+    """Name of the argument that accelerates masses; empty if there is none."""
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:
-        """What it comes to.
+        """Lower the load to pushes on tubes.
 
-        ``number`` gives its numbers by name, ``gravity (3,)`` is the sum of all that pulls at masses, m/s^2; ``masses``
-        are those of the tubes per length, kg/m, None where there is none.
+        ``number`` gives the load's numbers by name. ``gravity (3,)`` is the total acceleration of masses, m/s^2.
+        ``masses`` are the tubes' masses per length, kg/m, None for a tube without a density.
         """
         raise NotImplementedError
 
     @property
     def nonconservative(self) -> str:
-        """Why it has no potential; empty if it has one."""
+        """Why the load has no potential; empty if it has one."""
         return ""
 
     def conservative_part(self) -> Self | None:
-        """What of the load has a potential."""
+        """Return the part of the load that has a potential; None if there is no such part."""
         return None if self.nonconservative else self
 
     @property
     def places(self) -> tuple[str, ...]:
-        """The arguments that say where it acts: ``("arc_length",)``, ``("start", "end")`` or none."""
+        """Names of the arguments that say where the load acts: ``("arc_length",)``, ``("start", "end")`` or none."""
         return _places_in(tuple(self.entries))
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """The arguments that are numbers of this load."""
+        """Names of the arguments that are numbers of this load."""
         numeric = [field for field, entry in self.entries.items() if entry.numeric]
         return tuple(field for field in numeric if field not in _PLACES or field in self.places)
 
     @property
     def amounts(self) -> tuple[str, ...]:
-        """Those that are multiplied where the load is."""
+        """Names of the numbers that :meth:`times` multiplies."""
         return tuple(field for field in self.fields if field not in _PLACES)
 
     def idle(self, pulled: bool) -> str:  # noqa: ARG002
-        """Why no number of it acts; ``pulled``: whether anything pulls at masses."""
+        """Why none of the load's numbers acts, or empty; ``pulled`` says whether any load accelerates masses."""
         return ""
 
     def numbers(self, prefix: str, pulled: bool) -> Iterator[Parameter]:
-        """Its numbers, their names behind a prefix."""
+        """Yield the load's numbers as parameters, names behind a prefix."""
         for field in self.fields:
             value = getattr(self, field)
-            given, idle = (np.nan, _CALLED) if callable(value) else (numbers_of(value), self.idle(pulled))
-            yield optional(prefix + field, given, idle, unit=self.entries[field].unit)
+            numbers, idle = (np.nan, _CALLED) if callable(value) else (numbers_of(value), self.idle(pulled))
+            yield optional(prefix + field, numbers, idle, unit=self.entries[field].unit)
 
     def replaced(self, field: str, value: Any) -> Self:
-        """The load with another number."""
+        """Copy the load with one number replaced."""
         before = getattr(self, field)
         return self._with({field: attrs.evolve(before, values=value) if isinstance(before, LoadTable) else value})
 
     def times(self, factor: float) -> Self:
-        """The load multiplied."""
+        """Copy the load multiplied by a factor."""
         return self._with({field: scaled(getattr(self, field), factor) for field in self.amounts})
 
     def where(self, field: str) -> float | None:
-        """The arc length that an argument gives, m; None: the tube's distal end."""
+        """Arc length given by an argument, m; None is the tube's distal end."""
         value: float | None = getattr(self, field)
         return 0.0 if value is None and field == "start" else value
 
     def within(self, tube_ends: Array) -> Self | None:
-        """The load kept on its tube, if tubes end there; None for an interval that is pushed off.
+        """Keep the load on its tube when tubes end at ``tube_ends``; None if its interval lies beyond the end.
 
-        What rides on a tube's end stays there.
+        A load at a tube's distal end stays there.
         """
         end = float(tube_ends[getattr(self, "tube", 0)])
         if "start" in self.places and (self.where("start") or 0.0) >= end:
@@ -136,18 +135,18 @@ class Load(Checked):
         return attrs.evolve(cast(Any, self), **fields) if fields else self
 
     def __str__(self) -> str:
-        """The load in a line."""
-        told = [text for number in self.numbers("", pulled=True) if (text := _told(number))]
+        """Describe the load in one line."""
+        texts = [text for number in self.numbers("", pulled=True) if (text := _number_text(number))]
         carrier = ""
         if hasattr(self, "tube"):
             at_end = self.places == ("arc_length",) and self.where("arc_length") is None
             carrier = f" {'at the end of' if at_end else 'on'} tube {self.tube}"
         turning = ", in its frame" if self.frame == "body" else ""
-        return f"{type(self).__name__}{carrier}{turning}: {', '.join(told) or 'nothing'}"
+        return f"{type(self).__name__}{carrier}{turning}: {', '.join(texts) or 'nothing'}"
 
 
-def _told(number: Parameter) -> str:
-    """A number with its name and unit; nothing for what does not act or is zero."""
+def _number_text(number: Parameter) -> str:
+    """Show a number with its name and unit; empty if it does not act or is zero."""
     if number.idle == _CALLED or number.value.ndim > 1:
         return f"{number.name} {'as a function' if number.idle else 'as a table'}"
     if number.idle or not number.value.any():
@@ -163,7 +162,7 @@ def _places_in(fields: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def weights(robot: Robot, loads: Sequence[Load]) -> tuple[Array, list[float | None]]:
-    """The acceleration of masses ``(3,)`` and the tubes' masses per length, for :meth:`Load.lowered` in numbers."""
+    """Acceleration of masses ``(3,)`` and the tubes' masses per length, for :meth:`Load.lowered` in numbers."""
     pulling = [getattr(load, load.pulls) for load in loads if load.pulls]
     if not pulling:
         return _ZERO, []
@@ -171,14 +170,14 @@ def weights(robot: Robot, loads: Sequence[Load]) -> tuple[Array, list[float | No
 
 
 def lowered(robot: Robot, loads: Sequence[Load]) -> Iterator[tuple[int, Push]]:
-    """What the loads come to in numbers, each with the load's index."""
+    """Lower loads to pushes in numbers, each with the load's index."""
     return pushes_of(loads, [partial(getattr, load) for load in loads], *weights(robot, loads))
 
 
 def pushes_of(
     loads: Sequence[Load], numbers: Sequence[Number], gravity: Any, masses: Sequence[Any]
 ) -> Iterator[tuple[int, Push]]:
-    """What the loads come to with these ``numbers``, each with the load's index; see :meth:`Load.lowered`."""
+    """Lower loads with these ``numbers`` to pushes, each with the load's index; see :meth:`Load.lowered`."""
     slots: Counter[Field] = Counter()
     for k, load in enumerate(loads):
         for push in load.lowered(numbers[k], gravity, masses):

@@ -1,4 +1,4 @@
-"""Masses on tubes, at a point and per arc length: they act only under a gravity."""
+"""Masses on tubes, at a point and per arc length; they act only under gravity."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from .kind import Load, Number, Push
 
 
 class _Mass(Load):
-    """A mass, which acts only under a gravity."""
+    """Base of masses, which act only under a :class:`Gravity`."""
 
     __slots__ = ()
 
     tube: int
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
-        """Its weight."""
+        """Yield the mass's weight."""
         yield Push(self.tube, self.places, number(self.amounts[0]) * gravity)
 
     def idle(self, pulled: bool) -> str:
-        """Why no number of it acts."""
+        """Why the mass has no weight; empty if it has."""
         return "" if pulled else "there is no Gravity"
 
 
 @attrs.frozen
 class PointMass(_Mass):
-    """A mass fixed at a point of a tube; acts only under a :class:`Gravity`.
+    """A mass fixed at a point of a tube. It acts only under a :class:`Gravity`.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class PointMass(_Mass):
 
 @attrs.frozen
 class DistributedMass(_Mass):
-    """A mass per arc length on a tube; acts only under a :class:`Gravity`.
+    """A mass per arc length on a tube. It acts only under a :class:`Gravity`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where a load acts: entries that all loads share."""
+"""Entries that say where a load acts, shared by all loads."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from ..checks import Entry
 from ..errors import DefinitionError
 
 ARC_LENGTH = Entry("m", least=0.0, optional=True)
-"""From the entry point; None rides on the tube's end."""
+"""Arc length from the entry point; None is the tube's distal end."""
 START = Entry("m", least=0.0)
 TUBE = Entry("tube")
 POINT = {"arc_length": ARC_LENGTH, "tube": TUBE}
@@ -14,6 +14,6 @@ SPAN = {"start": START, "end": ARC_LENGTH, "tube": TUBE}
 
 
 def check_interval(first: float, last: float | None) -> None:
-    """Refuse a reversed interval."""
+    """Refuse an interval whose end is not above its start."""
     if last is not None and last <= first:
         raise DefinitionError(f"end = {last:g} m must be above start = {first:g} m")

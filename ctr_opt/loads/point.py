@@ -1,4 +1,4 @@
-"""A wrench at a point of a tube."""
+"""Point wrench: a force and a moment at a point of a tube."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class PointWrench(Wrench):
     arc_length
         ``s`` from the entry point, m; ``None``: the named tube's distal end, wherever it is.
     tube
-        Index of the tube that carries it, 0 the innermost.
+        Index of the tube that carries the load, 0 the innermost.
     frame
-        ``"world"``: force and moment keep their direction ("dead"); ``"body"``: they are given in the named tube's
-        material frame and turn with it ("follower"). A body load has no potential.
+        ``"world"``: force and moment keep their direction ("dead load"). ``"body"``: they are given in the named tube's
+        material frame and turn with it ("follower load"). A body load has no potential.
 
     Examples
     --------

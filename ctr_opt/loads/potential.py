@@ -1,4 +1,4 @@
-"""A force that has a potential of the position, given as a CasADi expression."""
+"""User-defined conservative force: its potential is a CasADi expression of the position."""
 
 from __future__ import annotations
 
@@ -17,27 +17,33 @@ def _potential(value: Any) -> ca.Function:
 
 @attrs.frozen
 class PotentialLoad(Expressed):
-    """A force ``-dV/dp`` that depends on the position alone: an elastic wall, a spring to a point.
+    """A user-defined force ``-dV/dp`` that depends only on the position, such as an elastic wall.
 
     Parameters
     ----------
     potential
-        ``V(p)``: a function of the position ``p (3,)`` (m, world frame, a CasADi symbol) that returns a scalar CasADi
-        expression: J at a point, J/m per arc length. Its gradient must be continuous (kinks are met by short steps).
+        ``V(p)``: a function of the position ``p (3,)`` (m, world frame, a CasADi symbol). It returns a scalar CasADi
+        expression: J at a point, J/m per arc length. Its gradient must be continuous; it may have kinks, where the
+        solver takes short steps.
     arc_length
-        ``s`` of the point it acts at, m; ``None``: the named tube's distal end.
+        ``s`` of the point where the force acts, m; ``None``: the named tube's distal end.
     start, end
-        For a load per arc length: the interval of ``s``, m; ``start=None``: 0, ``end=None``: the named tube's end.
-        Giving either makes the load a distributed one.
+        Interval of ``s`` for a load per arc length, m; ``start=None``: 0, ``end=None``: the named tube's end.
+        The load is distributed if either is given.
     tube
-        Index of the tube that carries it, 0 the innermost.
+        Index of the tube that carries the load, 0 the innermost.
     factor
         Multiplies the potential.
 
+    Raises
+    ------
+    DefinitionError
+        The function fails, or returns something other than a CasADi scalar.
+
     Notes
     -----
-    The equations are built anew for every new expression, in a fraction of a second, and kept for the last few, told by
-    their content; another place or ``factor`` costs nothing.
+    Each new expression builds the equations again, in a fraction of a second. The equations of the last few expressions
+    are kept and recognized by content. Another place or ``factor`` builds nothing.
 
     Examples
     --------
@@ -53,5 +59,5 @@ class PotentialLoad(Expressed):
 
     @property
     def field(self) -> Field:
-        """The potential."""
+        """The load's potential, without its place and factor."""
         return potential(self.potential, self.tube)

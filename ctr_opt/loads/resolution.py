@@ -1,4 +1,4 @@
-"""Where a load given as a function needs break points, so that steps between them see all of it."""
+"""Break points for a load given as a function, so that integration steps between them resolve it."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from ..checks import Array
 from ..errors import DefinitionError
 
-_GRID = 1024  # parts of the interval at whose ends a function is looked at: what is narrower may be missed
-_DEGREE = 7  # of the polynomial by which a part must be described
-_DEVIATION = 1e-3  # from it, of the function's peak; steps are halved further where the accuracy needs it
-_DEEPEST = 14  # halvings of the interval, which end at jumps and kinks
+_GRID = 1024  # parts of the interval at whose ends a function is sampled: narrower features may be missed
+_DEGREE = 7  # of the polynomial that must describe each part
+_DEVIATION = 1e-3  # from this polynomial, relative to the function's peak; the solver halves steps further if needed
+_DEEPEST = 14  # halvings of the interval at most: jumps and kinks never become polynomials
 
 
 def resolve(density: Any, start: float, end: float, field: str) -> list[float]:
-    """Break points that cut ``[start, end]`` into parts in which the function is nearly a polynomial."""
+    """Break points that cut ``[start, end]`` into parts on which the function is nearly a polynomial."""
     grid = np.linspace(start, end, _GRID + 1)
     values = np.array([called(density, float(s), field) for s in grid])
     peak = float(np.abs(values).max())
-    found: list[float] = []
+    break_points: list[float] = []
 
     def cut(a: float, b: float, depth: int) -> None:
         inside = (grid >= a) & (grid <= b)
@@ -32,16 +32,16 @@ def resolve(density: Any, start: float, end: float, field: str) -> list[float]:
         if deviation > _DEVIATION * peak and depth < _DEEPEST:
             middle = 0.5 * (a + b)
             cut(a, middle, depth + 1)
-            found.append(middle)
+            break_points.append(middle)
             cut(middle, b, depth + 1)
 
     if peak > 0.0:
         cut(start, end, 0)
-    return found
+    return break_points
 
 
 def called(density: Any, s: float, field: str) -> Array:
-    """The value of a user's function at ``s``, checked."""
+    """Call a user's function at ``s`` and check its value ``(3,)``."""
     try:
         value = np.asarray(density(s), dtype=np.float64)
     except Exception as error:

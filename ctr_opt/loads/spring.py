@@ -1,4 +1,4 @@
-"""A linear spring from a point of a tube to a fixed point in the world."""
+"""Linear spring from a point of a tube to a fixed point in the world."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ def _energy() -> ca.Function:
 
 @attrs.frozen
 class Spring(Load):
-    """A linear spring of no length at rest, from a point of a tube to a fixed point: the force ``k (anchor - p)``.
+    """A linear spring of zero rest length from a point of a tube to a fixed point.
 
-    It has the potential ``k |p - anchor|^2 / 2``, so that energies and stability are defined under it.
+    The force is ``k (anchor - p)``, with the potential ``k |p - anchor|^2 / 2``. Energies and stability are therefore
+    defined under it.
 
     Parameters
     ----------
     stiffness
-        ``k >= 0``, N/m; zero leaves the spring out.
+        ``k >= 0``, N/m; a spring of zero stiffness is left out.
     anchor
         The fixed point ``(3,)``, m, world frame.
     arc_length
@@ -40,7 +41,7 @@ class Spring(Load):
 
     Notes
     -----
-    Stiffness, anchor and place are data: springs of other numbers share their equations.
+    Stiffness, anchor and place are data: springs that differ only in numbers share their equations.
 
     Examples
     --------
@@ -62,12 +63,12 @@ class Spring(Load):
     tube: int = attrs.field(default=0, converter=given)
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
-        """The expression times the stiffness, unless that is zero."""
+        """Yield the spring's energy times its stiffness; nothing if the stiffness is zero."""
         if self.stiffness > 0.0:
             factor, numbers = number("stiffness"), number("anchor")
             field = potential(_energy(), self.tube)
             yield Push(self.tube, self.places, field=field, factor=factor, numbers=numbers, anchor=self.anchor)
 
     def idle(self, pulled: bool) -> str:  # noqa: ARG002
-        """Why no number of it acts."""
+        """Why none of the spring's numbers acts; empty if they act."""
         return "" if self.stiffness > 0.0 else "stiffness = 0 leaves the spring out"

@@ -1,1 +1,1 @@
-"""What the robot is and what is done to it: frozen, validated values in plain numpy."""
+"""The robot and its actuation: frozen, validated values in plain numpy."""

@@ -1,4 +1,4 @@
-"""What the actuators do: a rotation and a translation of each tube's base."""
+"""Actuation: a rotation and a translation of each tube's base."""
 
 from __future__ import annotations
 
@@ -11,18 +11,23 @@ from ..errors import DefinitionError
 
 @attrs.frozen
 class Actuation(Checked):
-    """Where the tubes' bases are held.
+    """Rotation and translation of each tube's base.
 
     Parameters
     ----------
     rotations
-        ``alpha_i``, rad, one for each tube.
+        ``alpha_i``, rad, one per tube.
     translations
-        ``beta_i = -D_i``, m, one for each tube: the arc length at which the base of tube ``i`` is held;
-        ``<= 0``, as the actuators grasp the tubes behind the entry point ``s = 0``.
+        ``beta_i = -D_i``, m, one per tube: the arc length at which the base of tube ``i`` is held. Each is ``<= 0``,
+        because the actuators grasp the tubes behind the entry point ``s = 0``.
     read
-        Set by :meth:`Fit.actuation <ctr_opt.Fit.actuation>` alone: rotations and translations as they were read,
-        ``(2, n)``, before the homes of the joints were added. Not compared.
+        Rotations and translations as they were read, ``(2, n)``, before the homes of the joints were added. Only
+        :meth:`Fit.actuation <ctr_opt.Fit.actuation>` sets it. Comparisons ignore it.
+
+    Raises
+    ------
+    DefinitionError
+        Rotations and translations differ in number, or a translation is above 0.
 
     Examples
     --------
@@ -39,8 +44,8 @@ class Actuation(Checked):
         super().__attrs_post_init__()
         if len(self.rotations) != len(self.translations):
             raise DefinitionError(
-                f"rotations has {len(self.rotations)} entries and translations {len(self.translations)}: "
-                "each needs one for each tube"
+                f"rotations has {len(self.rotations)} entries, but translations has {len(self.translations)}: "
+                "each needs one per tube"
             )
         for k, translation in enumerate(self.translations):
             if translation > 0.0:
@@ -51,11 +56,11 @@ class Actuation(Checked):
 
 
 def joints_of(actuation: Actuation) -> Array:
-    """Rotations (rad), then translations (m), in one vector."""
+    """Join rotations (rad) and translations (m) into one vector of joints ``(2 tubes,)``."""
     return np.concatenate((actuation.rotations, actuation.translations))
 
 
 def actuation_of(joints: Array) -> Actuation:
-    """The actuation of joints in one vector."""
+    """Split one vector of joints ``(2 tubes,)`` into an actuation."""
     tubes = len(joints) // 2
     return Actuation(joints[:tubes], joints[tubes:])

@@ -1,4 +1,4 @@
-"""From a preset curve ``r*(s)`` to the precurvature ``u*(s)`` of a tube (paper, II-B)."""
+"""Precurvature ``u*(s)`` of a tube from its preset curve ``r*(s)`` (paper, II-B)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..errors import DefinitionError
 from .precurvature import SampledCurvature
 
 _FIT_SAMPLES = 201  # of a curve given as a function; the third derivative of a seventh-degree spline is good to 1e-9
-_FINE, _FINER = 4001, 10  # points at which frames are carried: all, and of each knot
-_FLAT = 1e-3  # of the largest curvature: below, the normal of the curve is not asked for its direction
+_FINE, _FINER = 4001, 10  # points at which frames are carried: at least in total, and per knot
+_FLAT = 1e-3  # of the largest curvature: below it, the direction of the curve's normal is not used
 
 
 def precurvature_from_curve(
@@ -24,32 +24,32 @@ def precurvature_from_curve(
     samples: int = 101,
     normal: Any = (1.0, 0.0, 0.0),
 ) -> SampledCurvature:
-    """Precurvature of a tube whose preset shape is a given curve, in a chosen framing.
+    """Compute the precurvature of a tube whose preset shape is a given curve.
 
     Parameters
     ----------
     curve
-        Points ``(k, 3)`` along the curve, ``k >= 4``, m, interpolated by a spline of degree five (so they should be
-        smooth: fit noisy measurements first); or a function ``t -> (3,)`` of any regular parameter.
+        Points ``(k, 3)`` along the curve, ``k >= 4``, m, or a function ``t -> (3,)`` of any regular parameter. A
+        spline of degree five interpolates points, so they must be smooth: fit noisy measurements first.
     framing
-        ``"bishop"``: rotation-minimizing, ``u* = (u_x, u_y, 0)``; ``"frenet"``: Frenet-Serret, ``u* = (0, kappa,
-        tau)`` with x along the principal normal. At an inflection the normal is continued smoothly, so ``kappa``
+        ``"bishop"``: rotation-minimizing, ``u* = (u_x, u_y, 0)``. ``"frenet"``: Frenet-Serret, ``u* = (0, kappa,
+        tau)`` with x along the principal normal. The normal is continued smoothly through an inflection, so ``kappa``
         changes its sign there and ``tau`` stays finite.
     interval
         Range of the parameter of a function.
     samples
-        Points of the returned curvature, uniform in arc length, at least 5.
+        Number of points of the returned curvature, uniform in arc length, at least 5.
     normal
-        Direction of x at the base for ``"bishop"``, as far as it is normal to the curve.
+        Direction of x at the base for ``"bishop"``. Only its component normal to the curve counts.
 
     Raises
     ------
     DefinitionError
-        Points that coincide, too few of them, a curve that stands still, an unknown framing.
+        Points coincide or are too few, the curve stands still, or the framing is unknown.
 
     Notes
     -----
-    Both framings describe the same curve (paper, II-B); they differ in how the tube's frame turns along it.
+    Both framings describe the same curve (paper, II-B). They differ in how the tube's frame turns along it.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def precurvature_from_curve(
     points, first, second = (np.asarray(spline(t, n)) for n in range(3))
     speeds = np.linalg.norm(first, axis=1)
     if not (np.all(speeds > 1e-9 * speeds.max()) and np.all(np.sum(first[1:] * first[:-1], axis=1) > 0.0)):
-        raise DefinitionError("curve: it stands still or turns back at a point, so it has no tangent there")
+        raise DefinitionError("curve stands still or turns back at a point, so it has no tangent there")
     reached, bends = bishop_curvature(t, points, first, second, _across(first[0], array(normal, "normal", (3,))))
     s = np.linspace(0.0, reached[-1], samples)
     bishop = np.column_stack((CubicSpline(reached, bends)(s), np.zeros(samples)))
@@ -81,10 +81,10 @@ def precurvature_from_curve(
 def bishop_curvature(t: Array, points: Array, first: Array, second: Array, normal: Array) -> tuple[Array, Array]:
     """Arc lengths ``(..., n)`` and ``u_x, u_y`` ``(..., n, 2)`` of curves ``(..., n, 3)`` at parameters ``t (n,)``.
 
-    ``first`` and ``second`` are the derivatives by ``t``; ``normal`` is where x points at the base, as far as it is
-    normal to the curve. The frame is carried by double reflection, of fourth order in the steps (W. Wang, B. Juettler,
-    D. Zheng, Y. Liu, ACM Trans. Graphics 27(1), 2008): across the plane halfway to the next point, and across the one
-    that brings the tangent, so reflected, to the next one.
+    ``first`` and ``second`` are the derivatives by ``t``. ``normal`` is the direction of x at the base; only its
+    component normal to the curve counts. Double reflection carries the frame, with an error of fourth order in the
+    steps (W. Wang, B. Juettler, D. Zheng, Y. Liu, ACM Trans. Graphics 27(1), 2008). The first reflection is across the
+    plane halfway to the next point. The second takes the reflected tangent to the next tangent.
     """
     from scipy.integrate import cumulative_simpson
 
@@ -105,7 +105,7 @@ def bishop_curvature(t: Array, points: Array, first: Array, second: Array, norma
 
 
 def _reflection(across: Array) -> Array:
-    """Reflections ``(..., 3, 3)`` across planes that are normal to vectors ``(..., 3)``."""
+    """Reflection matrices ``(..., 3, 3)`` across planes normal to the vectors ``(..., 3)``."""
     square = _dot(across, across)[..., None]
     return np.asarray(np.eye(3) - 2.0 * across[..., :, None] * across[..., None, :] / square)
 
@@ -115,7 +115,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _across(slope: Array, normal: Array) -> Array:
-    """A normal at the base; another one where it is along the curve."""
+    """Return ``normal``, or another direction if it is along the curve at the base."""
     start = slope / np.linalg.norm(slope)
     if np.linalg.norm(normal - start * (start @ normal)) < 1e-9 * max(1.0, float(np.linalg.norm(normal))):
         return np.cross(start, np.roll(start, 1) + np.array([0.0, 0.0, 1e-3]))
@@ -127,12 +127,12 @@ def _spline_of_points(points: Any) -> Any:
 
     rows = array(points, "curve", (None, 3), unit="m")
     if len(rows) < 4:
-        raise DefinitionError(f"curve has {len(rows)} points, but needs at least 4")
+        raise DefinitionError(f"curve has {len(rows)} points, but must have at least 4")
     return make_interp_spline(chord_lengths(rows, "curve"), rows, k=5 if len(rows) >= 6 else 3)
 
 
 def chord_lengths(points: Array, field: str) -> Array:
-    """Lengths along the chords of points ``(k, 3)``, from 0, which must all differ; errors name ``field``."""
+    """Lengths along the chords of points ``(k, 3)``, from 0. Neighbours must differ; errors name ``field``."""
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if np.any(chords == 0.0):
         k = int(np.argmin(chords))
@@ -154,7 +154,7 @@ def _spline_of_function(curve: Callable[[float], Any], interval: tuple[float, fl
 
 
 def _frenet(s: Array, bishop: Array) -> Array:
-    """``(0, kappa, tau)``: the frame turned by the angle of the normal, which gives ``tau`` by its derivative."""
+    """Turn a Bishop frame to the principal normal: ``(0, kappa, tau)``; ``tau`` is the derivative of the angle."""
     from scipy.interpolate import make_interp_spline
 
     size = np.hypot(bishop[:, 0], bishop[:, 1])
@@ -169,7 +169,7 @@ def _frenet(s: Array, bishop: Array) -> Array:
 
 
 def _continued(s: Array, angles: Array) -> Array:
-    """The angles with multiples of pi added, so that each follows the line of the two before it."""
+    """Add multiples of pi to the angles, so that each continues the line through the two before it."""
     result = angles.copy()
     for k in range(1, len(s)):
         guess = result[k - 1]

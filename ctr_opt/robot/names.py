@@ -1,7 +1,7 @@
-"""Every number of a robot, its actuation and its loads by name: parsed, described, read and replaced.
+"""Named parameters of a robot, its actuation and its loads: parsed, described, read and replaced.
 
-Derivatives, estimates, reports and files ask for numbers by such names. What a name means, its unit, scale, bounds,
-symbol and labels are decided here; loads describe theirs themselves (:class:`NamedLoad`).
+Derivatives, estimates, reports and files refer to numbers by these names. This module decides what a name means, and
+its unit, scale, bounds, symbol and labels. Loads describe their own numbers (:class:`NamedLoad`).
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _SYMBOLS = {"bending_stiffness": "EI", "torsional_stiffness": "GJ", "youngs_modu
 _AXES = ("x", "y", "z")
 _ALONG = ("translations", "translation", "translation_offset", "arc_length", "start", "end")
 _POSITIVE = ("stiffness", "modulus", "diameter", "length")  # ends of fields
-_FACTOR = 100.0  # how far positive numbers may go from where they start, by default
+_FACTOR = 100.0  # largest ratio between a positive number and its initial value, by default
 _STEP = r"[^\W\d]\w*(?:\[\d+(?:, \d+)*\])?"
 _NAME = re.compile(rf"{_STEP}(?:\.{_STEP})*")
 
 
 @cache
 def parsed(name: str) -> tuple[str | int, ...]:
-    """The parts of a name; nothing if it is none.
+    """Split a name into its parts; empty if the text is not a valid name.
 
     >>> parsed("tubes[0].precurvature[1].curvature")
     ('tubes', 0, 'precurvature', 1, 'curvature')
@@ -51,7 +51,7 @@ def parsed(name: str) -> tuple[str | int, ...]:
 
 
 def field_of(label: str) -> str:
-    """The field that a name, or the label of one of its numbers, ends in.
+    """Return the last field of a name, or of the label of one of its numbers.
 
     >>> field_of("tubes[0].precurvature[1].curvature.x"), field_of("rotations[2]")
     ('curvature', 'rotations')
@@ -60,7 +60,7 @@ def field_of(label: str) -> str:
 
 
 def identifier(name: str) -> str:
-    """A parameter's name as that of a function's input: ``loads[0].force`` becomes ``loads_0_force``.
+    """Turn a parameter's name into an identifier: ``loads[0].force`` becomes ``loads_0_force``.
 
     >>> identifier("tubes[0].precurvature[1].length")
     'tubes_0_precurvature_1_length'
@@ -69,7 +69,7 @@ def identifier(name: str) -> str:
 
 
 def symbol(label: str) -> str:
-    """A short name: ``EI_0`` for ``tubes[0].bending_stiffness``."""
+    """Shorten a label to its symbol: ``EI_0`` for ``tubes[0].bending_stiffness``."""
     match parsed(label):
         case ("tubes", int(i), str(field)) if field in _SYMBOLS:
             return f"{_SYMBOLS[field]}_{i}"
@@ -77,7 +77,7 @@ def symbol(label: str) -> str:
 
 
 def unit_of(label: str) -> tuple[float, str]:
-    """The factor and the unit with which reports show a number.
+    """Return the factor and the unit in which reports show the number of this label.
 
     >>> unit_of("base.translation.x")
     (1000.0, 'mm')
@@ -86,7 +86,7 @@ def unit_of(label: str) -> tuple[float, str]:
 
 
 def shown(unit: str) -> tuple[float, str]:
-    """The factor and the unit with which reports show numbers of an SI unit."""
+    """Return the factor and the unit in which reports show numbers of an SI unit."""
     return _SHOWN.get(unit, (1.0, unit))
 
 
@@ -94,7 +94,7 @@ def shown(unit: str) -> tuple[float, str]:
 class Parameter:
     """A named number, or an array of numbers, in SI.
 
-    ``idle`` says why it does not act, where it does not; ``sources`` names the parameters that it follows from.
+    ``idle`` says why it does not act; empty if it acts. ``sources`` names the parameters from which it follows.
     """
 
     name: str
@@ -109,12 +109,12 @@ class Parameter:
 
     @property
     def size(self) -> int:
-        """How many numbers it is."""
+        """Count of its numbers."""
         return int(self.value.size)
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """A name for each of its numbers."""
+        """Label of each of its numbers."""
         shape = self.value.shape
         if not shape:
             return (self.name,)
@@ -123,7 +123,7 @@ class Parameter:
         return tuple(f"{self.name}[{', '.join(map(str, where))}]" for where in np.ndindex(shape))
 
     def scale(self, length: float) -> float:
-        """A size by which it may be expected to change, on a robot of this ``length``."""
+        """Typical size of its changes, on a robot of this ``length``."""
         if self.unit == "rad":
             return 1.0
         if self.unit == "m" and field_of(self.name) in _ALONG:
@@ -132,7 +132,7 @@ class Parameter:
         return largest if largest > 0.0 else 1.0 / length if self.unit == "1/m" else 1.0
 
     def bounds(self, initial: Array, positive: bool = False) -> tuple[Array, Array]:
-        """The least and the most that it may become from ``initial``, by default; ``positive``: whatever it is."""
+        """Default lower and upper bounds around ``initial``; ``positive`` treats any parameter as a positive one."""
         field = field_of(self.name)
         if (positive or field.endswith(_POSITIVE)) and np.all(initial > 0.0):
             return initial / _FACTOR, initial * _FACTOR
@@ -141,33 +141,35 @@ class Parameter:
 
 
 class NamedLoad(Protocol):
-    """A load, as far as names are concerned."""
+    """The part of a load's interface that parameter names need."""
 
     @property
     def pulls(self) -> str:
-        """The argument by which it accelerates masses, if it does."""
+        """The argument that accelerates masses; empty if none does."""
 
     def numbers(self, prefix: str, pulled: bool) -> Iterable[Parameter]:
-        """Its numbers, their names behind a prefix; ``pulled``: whether there is a load that pulls at masses."""
+        """The load's numbers, names behind a prefix; ``pulled`` says whether any load accelerates masses."""
 
     def replaced(self, field: str, value: Any) -> Self:
-        """The load with another number."""
+        """Copy the load with one number replaced."""
 
 
 AnyLoad = TypeVar("AnyLoad", bound=NamedLoad)
 
 
 def parameters(robot: Robot, actuation: Actuation, loads: Sequence[NamedLoad] = ()) -> dict[str, Parameter]:
-    """Every parameter by its name, with its present value.
+    """Collect all parameters by name, with their present values.
 
-    ``rotations``, ``translations`` ``(tubes,)``; ``base.translation (3,)``, m, along the world's axes, and
-    ``base.rotation (3,)``, rad, angles about the axes x, y, z of the entry frame, each turned by those before it, both
-    relative to ``robot.base_pose``; ``tubes[i].bending_stiffness``, ``.torsional_stiffness``, ``.youngs_modulus``,
-    ``.shear_modulus``, ``.poisson_ratio``, ``.outer_diameter``, ``.inner_diameter``, ``.density``;
-    ``tubes[i].precurvature[k].length``, ``.curvature``, ``.coefficients`` (the length of samples stretches them
-    alike); and the numbers of the loads, ``loads[j].force`` and so on, by their arguments' names.
+    - ``rotations``, ``translations``: ``(tubes,)``, rad and m.
+    - ``base.translation (3,)``, m, along the world's axes, and ``base.rotation (3,)``, rad, both relative to
+      ``robot.base_pose``. The angles are about the axes x, y, z of the entry frame, each turned by those before it.
+    - ``tubes[i].bending_stiffness``, ``.torsional_stiffness``, ``.youngs_modulus``, ``.shear_modulus``,
+      ``.poisson_ratio``, ``.outer_diameter``, ``.inner_diameter``, ``.density``.
+    - ``tubes[i].precurvature[k].length``, ``.curvature``, ``.coefficients``. The length of a sampled piece stretches
+      all its samples alike.
+    - The numbers of the loads by their arguments' names: ``loads[j].force`` and so on.
     """
-    every = [
+    collected = [
         Parameter("rotations", np.array(actuation.rotations)),
         Parameter("translations", np.array(actuation.translations)),
         Parameter("base.translation", np.zeros(3)),
@@ -175,45 +177,45 @@ def parameters(robot: Robot, actuation: Actuation, loads: Sequence[NamedLoad] = 
     ]
     pulled = any(load.pulls for load in loads)
     for i, tube in enumerate(robot.tubes):
-        every.extend(_of_tube(f"tubes[{i}].", tube, pulled))
+        collected.extend(_of_tube(f"tubes[{i}].", tube, pulled))
     for j, load in enumerate(loads):
-        every.extend(load.numbers(f"loads[{j}].", pulled))
-    return {parameter.name: parameter for parameter in every}
+        collected.extend(load.numbers(f"loads[{j}].", pulled))
+    return {parameter.name: parameter for parameter in collected}
 
 
 def chosen(known: Mapping[str, Parameter], names: Iterable[str], field: str = "wrt") -> list[Parameter]:
-    """The parameters of these names, in their order; ``field`` is the argument that messages name.
+    """Select parameters by name, in the order of the names; messages name the argument ``field``.
 
     Raises
     ------
     DefinitionError
-        A name that is not there, stands twice, or is of a parameter that does not act; a stiffness beside a modulus or
-        a diameter that it follows from.
+        A name is unknown, is given twice, or belongs to a parameter that does not act; or a stiffness is chosen
+        together with a modulus or a diameter from which it follows.
     """
     selected: dict[str, Parameter] = {}
     for name in names:
         parameter = known.get(name) if isinstance(name, str) else None
         if parameter is None:
             close = get_close_matches(str(name), list(known), 3)
-            hint = f"; close to it: {', '.join(close)}" if close else ""
-            acting = ", ".join(other.name for other in known.values() if not other.idle)
-            raise DefinitionError(f"{field} = {name!r} is no parameter{hint}; there are {acting}")
+            hint = f" (did you mean {' or '.join(map(repr, close))}?)" if close else ""
+            acting = ", ".join(candidate.name for candidate in known.values() if not candidate.idle)
+            raise DefinitionError(f"{field} = {name!r} is not a parameter{hint}; allowed are {acting}")
         if parameter.idle:
             raise DefinitionError(f"{field} = {name!r} does not act: {parameter.idle}")
         if name in selected:
-            raise DefinitionError(f"{field} has {name!r} twice")
+            raise DefinitionError(f"{field} contains {name!r} twice")
         selected[name] = parameter
     for name, parameter in selected.items():
         for source in parameter.sources:
             if source in selected:
                 raise DefinitionError(
-                    f"{field} has both {name!r} and {source!r}, from which it follows: choose one of them"
+                    f"{field} contains {name!r} and also {source!r}, from which it follows: choose one of them"
                 )
     return list(selected.values())
 
 
 def optional(name: str, value: Any, idle: str = "", **options: Any) -> Parameter:
-    """A number that may not be given."""
+    """Describe a number that the user may have left out (None)."""
     if value is None:
         value, idle = np.nan, f"{field_of(name)} is not given"
     return Parameter(name, np.array(value), idle, **options)
@@ -239,7 +241,7 @@ def _of_tube(prefix: str, tube: Tube, pulled: bool) -> Iterator[Parameter]:
 
 
 def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
-    """A robot with other numbers under some of its parameters' names, ``"tubes[0].bending_stiffness"`` and so on.
+    """Copy a robot with some parameters replaced by name, ``"tubes[0].bending_stiffness"`` and so on.
 
     >>> import ctr_opt as ctr
     >>> rod = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
@@ -268,7 +270,7 @@ def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
 
 
 def loads_with(loads: Sequence[AnyLoad], values: Mapping[str, Any]) -> tuple[AnyLoad, ...]:
-    """Loads with other numbers under some of their parameters' names, ``"loads[0].force"`` and so on."""
+    """Copy loads with some parameters replaced by name, ``"loads[0].force"`` and so on."""
     changed = list(loads)
     for name, value in values.items():
         match parsed(name):
@@ -278,7 +280,7 @@ def loads_with(loads: Sequence[AnyLoad], values: Mapping[str, Any]) -> tuple[Any
 
 
 def moved(pose: Array, translation: Iterable[float], angles: Iterable[float]) -> Array:
-    """A pose moved along the world's axes, and turned by XYZ Euler angles applied on its right."""
+    """Move a pose along the world's axes and turn it by XYZ Euler angles, applied on its right."""
     from scipy.spatial.transform import Rotation
 
     result = np.array(pose)
@@ -288,7 +290,7 @@ def moved(pose: Array, translation: Iterable[float], angles: Iterable[float]) ->
 
 
 def euler_rates(angles: Array) -> Array:
-    """Takes rates of XYZ Euler angles to the angular velocity in the turned frame."""
+    """Matrix ``(3, 3)`` from rates of XYZ Euler angles to the angular velocity in the turned frame."""
     _, b, c = angles
     return np.array(
         [

@@ -1,4 +1,4 @@
-"""Vector-valued piecewise polynomials: what precurvatures and load tables are reduced to."""
+"""Vector-valued piecewise polynomials, which represent precurvatures and load tables."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from ..checks import Array
 
 @attrs.frozen(eq=False)
 class PiecewisePolynomial:
-    """``f(x) = sum_k coefficients[k, j] (x - breaks[j])^k`` on ``breaks[j] <= x <= breaks[j + 1]``.
+    """A piecewise polynomial with values ``(3,)``.
 
-    ``breaks`` has shape ``(pieces + 1,)``, ``coefficients`` ``(degree + 1, pieces, 3)``. The value at a
-    break depends on the side, so the caller says which piece it means.
+    ``f(x) = sum_k coefficients[k, j] (x - breaks[j])^k`` on ``breaks[j] <= x <= breaks[j + 1]``. ``breaks`` has shape
+    ``(pieces + 1,)``, ``coefficients`` ``(degree + 1, pieces, 3)``. The value at a break depends on the side, so the
+    caller names the piece.
     """
 
     breaks: Array
@@ -25,7 +26,7 @@ class PiecewisePolynomial:
 
     @staticmethod
     def join(parts: list[PiecewisePolynomial]) -> PiecewisePolynomial:
-        """The parts one behind the other, each starting where the one before it ends."""
+        """Join parts one behind the other; each starts where the one before it ends."""
         order = max(len(part.coefficients) for part in parts)
         breaks, columns, end = [np.zeros(1)], [], 0.0
         for part in parts:
@@ -35,12 +36,12 @@ class PiecewisePolynomial:
         return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(columns, axis=1))
 
     def piece(self, x: Array) -> NDArray[np.intp]:
-        """The piece each ``x`` lies in; outside the breaks the first or the last."""
-        found = np.searchsorted(self.breaks, x, side="right") - 1
-        return np.clip(found, 0, self.coefficients.shape[1] - 1)
+        """Find the piece in which each ``x`` lies; outside the breaks, the first or the last."""
+        pieces = np.searchsorted(self.breaks, x, side="right") - 1
+        return np.clip(pieces, 0, self.coefficients.shape[1] - 1)
 
     def __call__(self, x: Array, piece: NDArray[np.intp]) -> Array:
-        """Values ``x.shape + (3,)`` with each ``x`` taken on the ``piece`` named."""
+        """Evaluate at each ``x`` on the given ``piece``: ``x.shape + (3,)``."""
         local = (x - self.breaks[piece])[..., None]
         value = np.zeros((*np.shape(x), 3))
         for coefficient in self.coefficients[::-1]:
@@ -48,9 +49,9 @@ class PiecewisePolynomial:
         return value
 
     def integrate(self, start: float, end: float, of: Callable[[Array], Array] | None = None) -> Array:
-        """``integral of f`` over ``[start, end]``, ``(3,)``, or of a function of its values ``(.., 3)``.
+        """Integrate ``f`` over ``[start, end]``, ``(3,)``, or a function ``of`` its values ``(.., 3)``.
 
-        Exact for polynomials of ``f`` up to the third degree.
+        It is exact for polynomials of ``f`` up to the third degree.
         """
         inner = self.breaks[(self.breaks > start) & (self.breaks < end)]
         edges = np.concatenate(([start], inner, [end]))
@@ -63,6 +64,6 @@ class PiecewisePolynomial:
 
 @cache
 def gauss(count: int) -> tuple[Array, Array]:
-    """Nodes and weights of Gauss and Legendre's rule."""
+    """Nodes and weights of the Gauss-Legendre rule."""
     points, weights = np.polynomial.legendre.leggauss(count)
     return points, weights

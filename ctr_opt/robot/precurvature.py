@@ -1,4 +1,4 @@
-"""The preset shape of a tube, ``u*(sigma)``, in pieces laid one behind the other.
+"""Precurvature ``u*(sigma)`` of a tube, in pieces laid one behind the other.
 
 ``sigma`` is measured from the tube's base, ``u* = (u*_x, u*_y, u*_z)`` in the tube's own frame (z along the
 tangent), in 1/m. A positive ``u*_x`` bends toward -y, a positive ``u*_y`` toward +x; ``u*_z`` is a
@@ -21,20 +21,19 @@ _LENGTH = Entry("m", above=0.0)
 
 
 class Piece(Checked):
-    """A piece of a tube's preset shape: on each of its parts ``u*`` is a polynomial, linear in the piece's rows."""
+    """A piece of a tube's preset shape. On each part ``u*`` is a polynomial, linear in the piece's rows."""
 
     __slots__ = ()
 
     rows: ClassVar[str] = ""
-    """The argument that holds its rows ``(k, 3)``, or its only one; empty: it has none, and ``u*`` is zero."""
+    """Name of the argument that holds the rows ``(k, 3)`` or ``(3,)``; empty if there is none and ``u*`` is zero."""
 
     length: Any
 
     def parts(self, rows: Sequence[Any], stretch: Any = 1.0) -> list[tuple[Any, list[Any]]]:
-        """Lengths of its parts, and the coefficients of powers of ``sigma``, counted from where each begins.
+        """Lengths of the parts, with coefficients of powers of ``sigma`` counted from the start of each part.
 
-        ``rows`` stand in the place of its own, and may be numbers, vectors or symbols, as may the ``stretch`` of its
-        length.
+        ``rows`` replace the piece's rows. They and the ``stretch`` of the length may be numbers, vectors or symbols.
         """
         return [(stretch * self.length, list(rows))]
 
@@ -45,12 +44,12 @@ class Piece(Checked):
         return PiecewisePolynomial(np.array([0.0, self.length]), np.array(coefficients)[:, None, :])
 
     def stretched(self, length: float) -> Self:
-        """The piece with another length."""
+        """Copy the piece with another length, in m."""
         return attrs.evolve(cast(Any, self), length=length)  # type: ignore[no-any-return]
 
 
 class _Bend(Entry):
-    """A curvature vector, or a scalar ``kappa`` for ``(kappa, 0, 0)``."""
+    """Entry for a curvature vector, or a scalar ``kappa`` for ``(kappa, 0, 0)``."""
 
     def checked(self, value: Any, field: str) -> Array:
         return array([value, 0.0, 0.0] if np.ndim(value) == 0 else value, field, self.shape, unit=self.unit)
@@ -58,8 +57,15 @@ class _Bend(Entry):
 
 @attrs.frozen
 class Straight(Piece):
-    """A straight piece of the given length (m).
+    """A straight piece of a tube.
 
+    Parameters
+    ----------
+    length
+        Arc length, m.
+
+    Examples
+    --------
     >>> Straight(0.1).length
     0.1
     """
@@ -71,7 +77,7 @@ class Straight(Piece):
 
 @attrs.frozen
 class Arc(Piece):
-    """A piece of constant curvature vector: a circular arc, or a helix where ``u*_z`` is not zero.
+    """A piece of constant curvature: a circular arc, or a helix if ``u*_z`` is not zero.
 
     Parameters
     ----------
@@ -95,7 +101,9 @@ class Arc(Piece):
 
 @attrs.frozen
 class PolynomialCurvature(Piece):
-    """``u*(q) = sum_k coefficients[k] q^k`` with ``q`` in ``[0, 1]`` along the piece.
+    """A piece whose curvature is a polynomial of the arc length.
+
+    ``u*(q) = sum_k coefficients[k] q^k`` with ``q`` in ``[0, 1]`` along the piece.
 
     Parameters
     ----------
@@ -157,7 +165,7 @@ class SampledCurvature(Piece):
         super().__attrs_post_init__()
         samples = len(self.arc_length)
         if samples < 2:
-            raise DefinitionError(f"arc_length has {samples} entries, but a sampled curvature needs at least 2")
+            raise DefinitionError(f"arc_length has {samples} entries, but a sampled curvature must have at least 2")
         if self.arc_length[0] != 0.0:
             raise DefinitionError(f"arc_length[0] = {self.arc_length[0]:g} m must be 0, the start of the piece")
         steps = np.diff(self.arc_length)
@@ -183,7 +191,7 @@ class SampledCurvature(Piece):
         return PiecewisePolynomial(np.asarray(spline.x, dtype=np.float64), np.asarray(spline.c[::-1], dtype=np.float64))
 
     def parts(self, rows: Sequence[Any], stretch: Any = 1.0) -> list[tuple[Any, list[Any]]]:
-        """A part between two samples; the spline is linear in them."""
+        """Return one part between each two samples; the spline is linear in the samples."""
         from scipy.interpolate import CubicSpline
 
         basis = CubicSpline(self.arc_length, np.eye(len(self.arc_length))).c[::-1].transpose(1, 0, 2)
@@ -193,7 +201,7 @@ class SampledCurvature(Piece):
         ]
 
     def stretched(self, length: float) -> SampledCurvature:
-        """The piece with another length, all samples moved alike."""
+        """Copy the piece with another length, in m; all samples move in proportion."""
         return attrs.evolve(self, arc_length=self.arc_length * (length / self.length))
 
 
@@ -205,7 +213,7 @@ PIECES = (Straight, Arc, PolynomialCurvature, SampledCurvature)
 
 
 def as_pieces(value: Any) -> tuple[Piece, ...]:
-    """One piece, or several in the order from base to tip, as a tuple."""
+    """Convert one piece, or several in order from base to tip, to a tuple."""
     pieces = (value,) if isinstance(value, Piece) else value
     if not isinstance(pieces, (list, tuple)) or not pieces:
         raise DefinitionError(f"precurvature = {value!r} must be a piece or a non-empty list of pieces")

@@ -1,4 +1,4 @@
-"""The robot: tubes from inner to outer, and where they enter the workspace."""
+"""The robot: its tubes from inner to outer, and the pose of its entry point."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _tubes(value: Any) -> tuple[Tube, ...]:
     for k, name in enumerate(names):
         if name in names[:k]:
             raise DefinitionError(
-                f"tubes[{k}]: name = {name!r} is that of tubes[{names.index(name)}] too; names must differ"
+                f"tubes[{k}]: name = {name!r} is also the name of tubes[{names.index(name)}]; names must differ"
             )
     return tuple(tubes)
 
@@ -38,18 +38,28 @@ def _pose(value: Any) -> Array:
 
 @attrs.frozen
 class Robot:
-    """A concentric-tube robot.
+    """A concentric-tube robot: its tubes and the pose of its entry point.
 
     Parameters
     ----------
     tubes
-        The tubes, **tube 0 the innermost**.
+        The tubes, **tube 0 the innermost**. Their names must differ.
     base_pose
         Pose of the entry point in the world, 4 x 4 (m), z along the straight entry; default identity.
         Rotations are accepted up to rounding of 1e-6 and made exact.
     on_overlap
-        What to do where a tube is wider than the bore of the next one: ``"warn"`` (published robots
+        What to do if a tube is wider than the bore of the next one: ``"warn"`` (published robots
         overlap), ``"error"`` or ``"ignore"``.
+
+    Raises
+    ------
+    DefinitionError
+        There is no tube, two names are the same, or ``base_pose`` is not rigid.
+
+    Warns
+    -----
+    NestingWarning
+        A tube is wider than the bore of the next one.
 
     Examples
     --------
@@ -86,7 +96,7 @@ class Robot:
 
 
 def report_overlaps(robot: Robot, on_overlap: str, where: str) -> None:
-    """Warn of tubes that do not nest, or refuse them; ``where`` stands before the sentence."""
+    """Warn of tubes that do not nest, or refuse them; ``where`` precedes the sentence."""
     for sentence in robot.overlaps if on_overlap != "ignore" else ():
         if on_overlap == "error":
             raise DefinitionError(where + sentence)

@@ -13,31 +13,31 @@ from ..errors import DefinitionError
 from .piecewise import PiecewisePolynomial
 from .precurvature import Piece, as_pieces
 
-# What follows from diameters and moduli, of numbers and of symbols alike.
+# Formulas in diameters and moduli, for numbers and symbols alike.
 
 
 def second_moment(outer_diameter: Any, inner_diameter: Any) -> Any:
-    """``I = pi (D^4 - d^4) / 64``, m^4."""
+    """Second moment of area, ``I = pi (D^4 - d^4) / 64``, m^4."""
     return math.pi * (outer_diameter**4 - inner_diameter**4) / 64.0
 
 
 def cross_section(outer_diameter: Any, inner_diameter: Any) -> Any:
-    """``pi (D^2 - d^2) / 4``, m^2."""
+    """Area of the cross-section, ``pi (D^2 - d^2) / 4``, m^2."""
     return math.pi * (outer_diameter**2 - inner_diameter**2) / 4.0
 
 
 def shear_modulus(youngs_modulus: Any, poisson_ratio: Any) -> Any:
-    """``G = E / (2 (1 + nu))``, Pa."""
+    """Shear modulus from Young's modulus and Poisson's ratio, ``G = E / (2 (1 + nu))``, Pa."""
     return youngs_modulus / (2.0 * (1.0 + poisson_ratio))
 
 
 def torsional_stiffness(shear: Any, moment_of_area: Any) -> Any:
-    """``GJ = 2 G I``, N m^2."""
+    """Torsional stiffness, ``GJ = 2 G I``, N m^2."""
     return shear * 2.0 * moment_of_area
 
 
 Numbers = Callable[[str], Any]
-"""The moduli and diameters of a tube by name; None for what is not given."""
+"""A lookup of a tube's moduli and diameters by name; None for a number that is not given."""
 
 
 def _bending(of: Numbers) -> Any:
@@ -56,11 +56,11 @@ def _torsional(of: Numbers) -> Any:
 
 
 STIFFNESSES: dict[str, Callable[[Numbers], Any]] = {"bending_stiffness": _bending, "torsional_stiffness": _torsional}
-"""What each stiffness follows from where it is not given; None where that is missing."""
+"""Rule for each stiffness that is not given directly; None if a number that it needs is missing."""
 
 
-def _asked(name: str, of: Numbers) -> tuple[str, ...]:
-    """The names that the rule for a stiffness asks for."""
+def _inputs_of(name: str, of: Numbers) -> tuple[str, ...]:
+    """Names of the numbers from which the rule computes a stiffness."""
     names = []
 
     def number(field: str) -> Any:
@@ -72,9 +72,9 @@ def _asked(name: str, of: Numbers) -> tuple[str, ...]:
 
 
 SOURCES = frozenset(
-    field for name in STIFFNESSES for field in _asked(name, lambda field: None if field == "shear_modulus" else 1.0)
+    field for name in STIFFNESSES for field in _inputs_of(name, lambda field: None if field == "shear_modulus" else 1.0)
 )
-"""The moduli, ratios and diameters that stiffnesses follow from."""
+"""The moduli, ratios and diameters from which stiffnesses follow."""
 
 
 _MODULUS, _STIFFNESS = Entry("Pa", above=0.0, optional=True), Entry("N m^2", above=0.0, optional=True)
@@ -85,12 +85,12 @@ class Tube(Checked):
     """A tube: its cross-section, its material and its preset shape.
 
     Stiffnesses follow from the diameters and moduli, ``EI = E pi (D^4 - d^4) / 64`` and ``GJ = 2 G I``
-    (paper, (3)), unless given directly, which then counts. The tube's length is that of its pieces.
+    (paper, (3)). A stiffness that is given directly takes precedence. The tube's length is the sum of its pieces'.
 
     Parameters
     ----------
     name
-        For messages, reports and files.
+        Name for messages, reports and files.
     outer_diameter, inner_diameter
         m, ``0 <= inner_diameter < outer_diameter``.
     precurvature
@@ -99,16 +99,16 @@ class Tube(Checked):
     youngs_modulus, shear_modulus
         Pa; may be omitted when the stiffnesses are given.
     poisson_ratio
-        In place of the shear modulus: ``G = E / (2 (1 + nu))``, ``-1 < nu <= 0.5``.
+        Alternative to the shear modulus: ``G = E / (2 (1 + nu))``, ``-1 < nu <= 0.5``.
     density
-        kg/m^3, for gravity.
+        kg/m^3, for :class:`Gravity`.
     bending_stiffness, torsional_stiffness
         ``EI`` and ``GJ``, N m^2.
 
     Raises
     ------
     DefinitionError
-        Names the tube, the field, its value and what is allowed.
+        A value is out of range or missing; the message names the tube, the field, its value and what is allowed.
 
     Examples
     --------
@@ -173,12 +173,12 @@ class Tube(Checked):
         object.__setattr__(self, "shape", PiecewisePolynomial.join([piece.polynomial() for piece in self.precurvature]))
 
     def _stiffness(self, name: str) -> Any:
-        given = getattr(self, f"_{name}")
-        return given if given is not None else STIFFNESSES[name](lambda field: getattr(self, field))
+        direct = getattr(self, f"_{name}")
+        return direct if direct is not None else STIFFNESSES[name](lambda field: getattr(self, field))
 
     def sources(self, name: str) -> tuple[str, ...]:
-        """The moduli, ratios and diameters that a stiffness of this tube follows from, unless it is given."""
-        return _asked(name, lambda field: getattr(self, field))
+        """Moduli, ratios and diameters from which a stiffness of this tube follows, unless it is given directly."""
+        return _inputs_of(name, lambda field: getattr(self, field))
 
     @property
     def second_moment(self) -> float:
@@ -187,17 +187,17 @@ class Tube(Checked):
 
     @property
     def mass_per_length(self) -> float:
-        """``density pi (D^2 - d^2) / 4``, kg/m."""
+        """Mass per arc length, ``density pi (D^2 - d^2) / 4``, kg/m."""
         return self.density * float(cross_section(self.outer_diameter, self.inner_diameter))
 
     @property
     def bending_stiffness(self) -> float:
-        """``EI``, N m^2."""
+        """Bending stiffness ``EI``, N m^2."""
         return float(self._stiffness("bending_stiffness"))
 
     @property
     def torsional_stiffness(self) -> float:
-        """``GJ``, N m^2."""
+        """Torsional stiffness ``GJ``, N m^2."""
         return float(self._stiffness("torsional_stiffness"))
 
     @property
@@ -208,5 +208,5 @@ class Tube(Checked):
     @property
     def given_stiffnesses(self) -> dict[str, float]:
         """The stiffnesses that were given directly, by their argument names."""
-        given = {name: getattr(self, f"_{name}") for name in STIFFNESSES}
-        return {name: value for name, value in given.items() if value is not None}
+        direct = {name: getattr(self, f"_{name}") for name in STIFFNESSES}
+        return {name: value for name, value in direct.items() if value is not None}

@@ -116,7 +116,7 @@ def test_wrong_tables(tmp_path, given, change, message):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda e: {"parameters": ["tubes[0].bending"]}, "is no parameter; close to it"),
+        (lambda e: {"parameters": ["tubes[0].bending"]}, r"is not a parameter \(did you mean"),
         (lambda e: {"parameters": []}, "at least one parameter"),
         (lambda e: {"loss": "l1"}, "loss = 'l1' must be"),
         (lambda e: {"experiments": []}, "at least one experiment"),

@@ -127,7 +127,7 @@ def test_the_command_writes_the_whole_page(given, fits, tmp_path):
     [
         (lambda text: text.replace('"calibration.csv"', '"nowhere.csv"'), "nowhere.csv"),
         (lambda text: text.replace('"distance", "squared"', '"l1"'), "losses = 'l1' must be"),
-        (lambda text: text.replace('"base.rotation",\n', '"base.spin",\n'), "'base.spin' is no parameter"),
+        (lambda text: text.replace('"base.rotation",\n', '"base.spin",\n'), "'base.spin' is not a parameter"),
         (lambda text: text.replace('"0.627 mm"', '"0.627 kg"'), "sigma.position"),
     ],
 )

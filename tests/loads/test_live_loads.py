@@ -368,7 +368,7 @@ def test_the_energy_refuses_loads_without_potential_by_name(load, words):
     ("make", "words"),
     [
         (lambda: ctr.PotentialLoad(3.0), "potential = 3.0 must be a function"),
-        (lambda: ctr.PotentialLoad(lambda p: p), r"potential\(p\) must be a scalar, but has the shape \(3, 1\)"),
+        (lambda: ctr.PotentialLoad(lambda p: p), r"potential\(p\) must be a scalar, but has shape \(3, 1\)"),
         (lambda: ctr.PotentialLoad(lambda p: ca.SX.sym("k") * p[0]), "of its arguments alone"),
         (lambda: ctr.PotentialLoad(lambda p: p.missing), "potential.* failed: AttributeError"),
         (lambda: ctr.ExpressionLoad(lambda s, p, R: p), r"must return a pair \(force, moment\)"),
@@ -377,7 +377,7 @@ def test_the_energy_refuses_loads_without_potential_by_name(load, words):
         (lambda: ctr.PotentialLoad(lambda p: p[0], start=0.2, end=0.1), r"end = 0.1 m must be above start"),
         (lambda: ctr.PotentialLoad(lambda p: p[0], factor=np.nan), "factor = nan must be a finite number"),
         (lambda: ctr.PotentialLoad(ca.Function("potential", [XY], [XY[0]])), "potential.* failed"),
-        (lambda: ctr.PotentialLoad(ca.Function("potential", [XYZ], [XYZ])), r"must be a scalar, but has the shape"),
+        (lambda: ctr.PotentialLoad(ca.Function("potential", [XYZ], [XYZ])), r"must be a scalar, but has shape"),
         (lambda: ctr.ExpressionLoad(ca.Function("function", [XYZ], [XYZ])), "function.* failed"),
         (lambda: ctr.PointWrench([1, 0, 0], frame="tube"), "frame = 'tube' must be 'world' or 'body'"),
     ],

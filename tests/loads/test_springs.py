@@ -275,7 +275,7 @@ def test_a_spring_of_all_experiments_must_be_in_all():
     data = ctr.PositionMeasurement(None, [0.0, 0.0, LENGTH], 1e-4)
     spring = ctr.Spring(10.0, [0.02, 0.0, 0.1])
     sprung, bare = ctr.Experiment(held(), [spring], data), ctr.Experiment(held(), [], data)
-    with pytest.raises(ctr.DefinitionError, match=r"experiments\[1\] = 'loads\[0\].stiffness' is no parameter"):
+    with pytest.raises(ctr.DefinitionError, match=r"experiments\[1\] = 'loads\[0\].stiffness' is not a parameter"):
         ctr.CalibrationProblem(robot, [sprung, bare], ["loads[0].stiffness"])
     twice = ["loads[0].stiffness", "experiments[1].loads[0].stiffness"]
     for names in (twice, twice[::-1]):
@@ -363,7 +363,7 @@ def test_wrong_springs_are_refused(arguments, words):
 
 @pytest.mark.parametrize(
     ("place", "words"),
-    [({"arc_length": 0.2}, "is beyond the end of tube 0"), ({"tube": 1}, r"tube = 1 is not there")],
+    [({"arc_length": 0.2}, "is beyond the end of tube 0"), ({"tube": 1}, r"tube = 1 does not exist")],
 )
 def test_springs_must_be_on_their_tubes(place, words):
     with pytest.raises(ctr.DefinitionError, match=words):

@@ -296,7 +296,7 @@ def test_wrong_questions_are_told():
     made = rod()
     cases = {
         "takes no derivatives": (["tubes[0].precurvature[0].length"], TIP, []),
-        "is no parameter": (["rotation"], TIP, []),
+        "is not a parameter": (["rotation"], TIP, []),
         r"observables\[0\].place = 0.2": ([], Observable("pose", 0.2), []),
         "tube = 1 must be": ([], Observable("pose", 0.05, 1), []),
         "loads: compiled code": ([], TIP, [ctr.DistributedLoad(force=lambda s: [s, 0.0, 0.0])]),

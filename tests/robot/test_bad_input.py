@@ -83,7 +83,7 @@ CALLS = {
     "pose of wrong shape": (lambda: ctr.Robot([tube()], np.eye(3)), ["base_pose", "(3, 3)", "(4, 4)"]),
     "pose with wrong last row": (lambda: ctr.Robot([tube()], np.ones((4, 4))), ["base_pose", "last row"]),
     "base in front of the entry": (lambda: held(translations=(0.01, 0.0)), ["translations[0]", "0.01", "at most 0"]),
-    "actuation of unequal lists": (lambda: ctr.Actuation([0.0], [0.0, 0.0]), ["rotations has 1", "translations 2"]),
+    "actuation of unequal lists": (lambda: ctr.Actuation([0.0], [0.0, 0.0]), ["rotations has 1", "translations has 2"]),
     "NaN rotation": (lambda: held(rotations=(math.nan, 0.0)), ["rotations[0]", "nan"]),
     "actuation of three tubes": (lambda: solve(actuation=ctr.Actuation([0] * 3, [0] * 3)), ["3 rotations", "2 tubes"]),
     "drawn wholly back": (
@@ -302,7 +302,7 @@ FILES = {
     "robot not there": ("problem", '"robot.toml"', '"robo.toml"', ["robo.toml", "cannot be read"]),
     "angle as a length": ("problem", '"10 deg"', '"10 mm"', ["actuation.rotations[0]", "'10 mm'", "an angle"]),
     "base in front": ("problem", '"-20 mm"', '"20 mm"', ["problem.toml", "translations[0]", "0.02", "at most 0"]),
-    "two rotations": ("problem", '["10 deg"]', '["10 deg", 0]', ["rotations has 2", "translations 1"]),
+    "two rotations": ("problem", '["10 deg"]', '["10 deg", 0]', ["rotations has 2", "translations has 1"]),
     "unknown load": ("problem", '"point"', '"piont"', ["loads[0].kind", "'piont'", "'point'"]),
     "force in millimetres": ("problem", '"1 N"', '"1 mm"', ["loads[0].force[0]", "'1 mm'", "a force"]),
     "force of two": ("problem", '["1 N", 0, 0]', '["1 N", 0]', ["loads[0].force", "2 entries", "3"]),
