@@ -112,7 +112,7 @@ CALLS = {
     "interval beyond its tube": (lambda: solve([ctr.DistributedLoad(start=0.01, end=0.2)]), ["loads[0]", "end", "0.2"]),
     "load table of unequal lengths": (
         lambda: ctr.DistributedLoad(force=([0.0, 0.1], np.ones((3, 3)))),
-        ["force", "2 and 3"],
+        ["force", "2 arc lengths and 3 rows"],
     ),
     "load table not increasing": (
         lambda: ctr.DistributedLoad(force=([0.1, 0.0], np.ones((2, 3)))),
