@@ -1,1 +1,1 @@
-"""What estimates of every kind share: measurements, experiments, models with derivatives, losses."""
+"""Shared parts of calibration and force estimation: measurements, experiments, models with derivatives, losses."""

@@ -1,4 +1,4 @@
-"""The blocks of an experiment's misfit, one behind the other: what they cost, and which are of points somewhere."""
+"""Blocks of an experiment's misfit: their losses, and the estimated places of points."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .places import Orders, eliminated, free, orders
 
 @attrs.frozen(eq=False, slots=False)
 class Blocks:
-    """Blocks (points, poses) of so many numbers with a loss; ``orders``: of points whose places are estimated."""
+    """Consecutive blocks (points, poses) of ``sizes`` numbers under a loss; ``orders`` groups the estimated places."""
 
     loss: str
     sizes: NDArray[np.intp]
@@ -25,23 +25,23 @@ class Blocks:
 
     @classmethod
     def of(cls, measurements: Sequence[Measurement], loss: str) -> Blocks:
-        """Those of an experiment's measurements."""
-        counts, sizes = np.array([one.shape for one in measurements], dtype=np.intp).T
+        """The blocks of an experiment's measurements."""
+        counts, sizes = np.array([measurement.shape for measurement in measurements], dtype=np.intp).T
         return cls(loss, np.repeat(sizes, counts), orders(measurements))
 
     @cached_property
     def starts(self) -> NDArray[np.intp]:
-        """Where each block starts."""
+        """Index of each block's first number."""
         return np.cumsum(self.sizes) - self.sizes
 
     @cached_property
     def places(self) -> int:
-        """How many places are estimated."""
+        """Number of estimated places."""
         return self.orders[-1][1] if self.orders else 0
 
     @cached_property
     def plain(self) -> bool:
-        """Whether squares are all that counts."""
+        """Whether the loss is the plain sum of squares."""
         return self.loss == "squared"
 
     @cached_property
@@ -54,26 +54,26 @@ class Blocks:
         return Loss(self.loss, self.sizes[0] if same else self.sizes)
 
     def losses(self, misfit: Array) -> tuple[Array, Array, Array]:
-        """``rho``, ``rho'`` and ``rho''`` of misfits ``(..., numbers)``, by squared norms, ``(..., blocks)`` each."""
+        """``rho``, ``rho'``, ``rho''`` of misfits ``(..., numbers)`` by squared norms, each ``(..., blocks)``."""
         return self._loss.evaluate(np.add.reduceat(misfit**2, self.starts, axis=-1))
 
     def weights(self, misfit: Array) -> tuple[Array, Array]:
-        """The loss of misfits ``(..., numbers)``, and twice its slopes by the numbers' squares; all alike if plain."""
+        """The loss of misfits ``(..., numbers)``, and twice its slopes by the numbers' squares; ones if plain."""
         if self.plain:
             return 0.5 * np.einsum("...n,...n->...", misfit, misfit), self._ones
         rho, first, _ = self.losses(misfit)
         return rho.sum(axis=-1), np.repeat(2.0 * first, self.sizes, axis=-1)
 
     def along(self, slopes: Array, places: Array) -> Array:
-        """Slopes of misfits by the places that may move, pooled ones together; zero by the others."""
+        """Slopes of misfits by the free places, pooled places together; zero by fixed places."""
         return np.asarray(slopes @ free(places, self.orders))
 
     def expanded(self, misfit: Array, rows: Array, along: Array, *, positive: bool) -> tuple[Array, Array, Array]:
-        """Losses of misfits to second order, block by block, places following at their best.
+        """Second-order model of the losses, block by block, with the places eliminated.
 
-        With slopes ``rows (..., numbers, k)`` by the unknowns and ``along`` by places: losses ``(..., blocks)``,
-        gradients ``(..., blocks, k)`` and the Hessian of their sum ``(..., k, k)``, without the misfits' own second
-        derivatives; ``positive``: its curvature along a residual is kept from being negative.
+        ``rows (..., numbers, k)`` are slopes by the unknowns, ``along`` slopes by places. Returns losses
+        ``(..., blocks)``, gradients ``(..., blocks, k)`` and the Hessian of their sum ``(..., k, k)``, without second
+        derivatives of the misfits. ``positive`` keeps the curvature along a residual from being negative.
         """
         rho, first, second = self.losses(misfit)
         both, kept = np.concatenate((rows, along), axis=-1), rows.shape[-1]

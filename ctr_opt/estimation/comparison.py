@@ -1,4 +1,4 @@
-"""Predictions beside measurements, for all experiments of a group together."""
+"""Comparison of predictions with measurements, for all experiments of a group together."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .measurements import Measurement
 
 
 class Comparison:
-    """The measurements of experiments that were all measured in the same way: ``(experiments, measurements)``."""
+    """Measurements ``(experiments, measurements)`` of experiments that share kinds and shapes of measurements."""
 
     def __init__(self, measurements: Sequence[Sequence[Measurement]], loss: str) -> None:
         self._columns = [_Column(list(column), loss) for column in zip(*measurements, strict=True)]
@@ -30,33 +30,33 @@ class Comparison:
         return np.concatenate(misfits, axis=1), np.concatenate(rates, axis=1)
 
     def along(self, predictions: ObservedList) -> Array:
-        """Derivatives of the whitened misfits by the arc lengths that are estimated, ``(experiments, numbers, k)``.
+        """Derivatives of the whitened misfits by the estimated arc lengths, ``(experiments, numbers, k)``.
 
-        A point moves along the tangent of the backbone, by as much as its arc length, and nothing else moves.
+        A point moves along the backbone's tangent at unit rate with its arc length; no other number changes.
         """
         size = sum(column.numbers for column in self._columns)
         count = sum(column.observables for column in self._columns if column.somewhere)
         slopes = np.zeros((len(predictions[0].value), size, count))
         row = place = start = 0
         for column in self._columns:
-            those = slice(start, start := start + column.observables)
+            observed = slice(start, start := start + column.observables)
             if column.somewhere:
                 points = np.arange(column.observables)[:, None]
-                slopes[:, row + 3 * points + np.arange(3), place + points] = column.tangents(predictions[those])
+                slopes[:, row + 3 * points + np.arange(3), place + points] = column.tangents(predictions[observed])
                 place += column.observables
             row += column.numbers
         return slopes
 
 
 class _Column:
-    """The same measurement in all experiments."""
+    """One measurement across all experiments of a group."""
 
     def __init__(self, measurements: list[Measurement], loss: str) -> None:
         self.measurements = measurements
         self.observables = len(measurements[0].observables)
         self.numbers = int(np.prod(measurements[0].shape))
         self.somewhere = isinstance(measurements[0].observables[0].place, Somewhere)
-        self._whitener = np.array([one.whitener_for(loss) for one in measurements])
+        self._whitener = np.array([measurement.whitener_for(loss) for measurement in measurements])
 
     def compare(self, predictions: ObservedList) -> tuple[Array, Array]:
         values, rates = self.measurements[0].compare(self.measurements, predictions)

@@ -1,4 +1,4 @@
-"""An experiment: how the robot was actuated and loaded, and what was measured."""
+"""Experiments: actuation, known loads and measurements."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .measurements import MEASUREMENTS, Measurement
 
 
 def several(value: Any, kinds: tuple[type, ...], field: str, must: str = "") -> tuple[Any, ...]:
-    """One of these kinds or a list of them; ``must``: what they must be, if not one of the kinds by name."""
+    """A tuple from one object of these kinds or a list; ``must`` replaces the kinds' names in messages."""
     try:
-        given = (value,) if isinstance(value, kinds) else tuple(value)
+        items = (value,) if isinstance(value, kinds) else tuple(value)
     except TypeError:
         raise DefinitionError(f"{field} = {value!r} must be a list of them") from None
-    for k, one in enumerate(given):
-        if not isinstance(one, kinds):
+    for k, item in enumerate(items):
+        if not isinstance(item, kinds):
             wanted = must or f"one of {', '.join(kind.__name__ for kind in kinds)}"
-            raise DefinitionError(f"{field}[{k}] = {one!r} must be {wanted}")
-    return given
+            raise DefinitionError(f"{field}[{k}] = {item!r} must be {wanted}")
+    return items
 
 
 def _loads(value: Any) -> tuple[Load, ...]:
@@ -32,10 +32,10 @@ def _loads(value: Any) -> tuple[Load, ...]:
 
 
 def _measurements(value: Any) -> tuple[Measurement, ...]:
-    given = several(value, MEASUREMENTS, "measurements")
-    if not given:
+    measurements = several(value, MEASUREMENTS, "measurements")
+    if not measurements:
         raise DefinitionError("measurements = [] must hold at least one measurement")
-    return given
+    return measurements
 
 
 @attrs.frozen
@@ -45,13 +45,18 @@ class Experiment:
     Parameters
     ----------
     actuation
-        As in :class:`~ctr_opt.ForwardProblem`.
+        Rotations and translations of the tubes, an :class:`~ctr_opt.Actuation`.
     loads
-        A list of loads, as far as they are known.
+        List of known loads.
     measurements
-        One measurement or several.
+        One measurement or a list of them.
     name
-        To find it in reports; default: its number.
+        Name in reports and messages. Default: the experiment's number.
+
+    Raises
+    ------
+    DefinitionError
+        The message names the field, the value and what is allowed.
 
     Examples
     --------
@@ -73,15 +78,15 @@ class Experiment:
 
     @property
     def observables(self) -> tuple[Observable, ...]:
-        """Those of all measurements, in their order."""
-        return tuple(one for measurement in self.measurements for one in measurement.observables)
+        """The observables of all measurements, in their order."""
+        return tuple(observable for measurement in self.measurements for observable in measurement.observables)
 
     def framed(self, ends: Ends) -> tuple[Observable, ...]:
-        """The same for a robot whose tubes end at ``ends``: see :meth:`Observable.framed`."""
-        return tuple(one if one.frame is not None else one.framed(ends) for one in self.observables)
+        """The observables with frames chosen for tube ends ``ends``: see :meth:`Observable.framed`."""
+        return tuple(seen if seen.frame is not None else seen.framed(ends) for seen in self.observables)
 
     def check_robot(self, tubes: int, where: str = "") -> None:
-        """Refuse an actuation or measurements of another robot than one of so many tubes."""
+        """Raise ``DefinitionError`` if actuation or measurements do not fit a robot with this number of ``tubes``."""
         if len(self.actuation.rotations) != tubes:
             count = len(self.actuation.rotations)
             raise DefinitionError(f"{where}actuation is of {count} tubes, but the robot has {tubes}")
@@ -89,23 +94,23 @@ class Experiment:
             measurement.check(tubes)
 
     def check_places(self, ends: Ends, where: str = "") -> None:
-        """Refuse measurements where the robot is not, or not the tube that is meant; ``where`` begins the message."""
+        """Raise ``DefinitionError`` for a measurement off the robot or off its tube; ``where`` begins the message."""
         furthest = {None: ends.length + ends.slack} | {i: end + ends.slack for i, end in enumerate(ends.points)}
         everywhere = min(furthest.values())
         for k, measurement in enumerate(self.measurements):
-            for one in measurement.observables:
-                place = one.place
+            for observable in measurement.observables:
+                place = observable.place
                 if isinstance(place, float) and 0.0 <= place <= everywhere:
                     continue
                 s = 0.0 if isinstance(place, Somewhere) else arc_length_of(place, ends)
-                if not 0.0 <= s <= furthest[one.on]:
-                    whose = "the robot" if one.on is None else f"tube {one.on}"
+                if not 0.0 <= s <= furthest[observable.on]:
+                    whose = "the robot" if observable.on is None else f"tube {observable.on}"
                     raise DefinitionError(
                         f"{where}measurements[{k}] is at s = {s:g} m, but {whose} reaches from 0 to "
-                        f"{ends.of(one.on):g} m there"
+                        f"{ends.of(observable.on):g} m there"
                     )
 
     @property
     def numbers(self) -> int:
-        """How many numbers were measured."""
-        return sum(blocks * size for blocks, size in (one.shape for one in self.measurements))
+        """Count of measured numbers."""
+        return sum(blocks * size for blocks, size in (measurement.shape for measurement in self.measurements))

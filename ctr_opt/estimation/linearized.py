@@ -1,15 +1,15 @@
-"""An experiment to first order: what calibration and the estimation of forces both step by.
+"""An experiment linearized: the basis of the steps of calibration and force estimation.
 
-The base moments ``z`` of a robot at rest meet the boundary conditions ``r(z, x) = 0`` at its other end, with unknowns
-``x`` (parameters of the robot, loads, errors of what is given). Measurements leave the whitened misfits ``m(z, x, s)``,
-where ``s`` are the places of points that are somewhere on the backbone. To first order the moments go where
+The base moments ``z`` of a robot in equilibrium satisfy the boundary conditions ``r(z, x) = 0`` at its other end, with
+unknowns ``x`` (parameters of the robot, loads, errors of known numbers). The whitened misfits of the measurements are
+``m(z, x, s)``, where ``s`` are the unknown places of points on the backbone. To first order the moments follow
 
     r + r_z dz + r_x dx = 0,   that is   dz = -r_z^-1 (r, r_x) (1, dx) = follow (1, dx):
 
-the first column of ``follow`` is Newton's step to the equilibrium, the others are how the equilibrium follows the
-unknowns (implicit-function theorem). Put into the misfit ``m + m_z dz + m_x dx``, they leave ``settled + reduced dx``:
-the misfit in equilibrium, and its slopes by the unknowns alone. Places then follow at their best (Schur complement):
-``places.py``.
+The first column of ``follow`` is Newton's step to the equilibrium. The other columns are the equilibrium's derivatives
+by the unknowns (implicit-function theorem). Inserted into the misfit ``m + m_z dz + m_x dx``, they give ``settled +
+reduced dx``: the misfit in equilibrium, and its slopes by the unknowns alone. Places are then eliminated by the Schur
+complement: ``places.py``.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from ..checks import Array
 
 @attrs.frozen(eq=False, slots=False)
 class Linearized:
-    """Boundary residual and whitened misfit at some values, and their slopes.
+    """Boundary residual and whitened misfit of an experiment, and their slopes.
 
-    ``*_z`` by the base moments (SI), ``*_x`` by the unknowns that act on the experiment, ``*_s`` by the ``places`` of
-    points that are estimated. Of a group of experiments all have one axis more, the first.
+    Slopes ``*_z`` are by the base moments (SI), ``*_x`` by the unknowns that act on the experiment, ``*_s`` by the
+    estimated ``places``. For a group of experiments, all arrays have a leading axis.
     """
 
     residual: Array
@@ -50,11 +50,11 @@ class Linearized:
         places: Array,
         length: Array | float,
     ) -> Linearized:
-        """From what a model says, by the chain rule.
+        """Build the linearization from a model's output by the chain rule.
 
-        ``slopes``: the residual's, by base moments and the model's numbers; ``misfit``: with its slopes by these, and
-        by poses of sensors behind them; ``along``: its slopes by arc lengths; ``mixing``: how the numbers follow the
-        unknowns.
+        ``slopes`` are the residual's slopes by base moments and the model's numbers. ``misfit`` holds the misfit and
+        its slopes by these, followed by poses of sensors. ``along`` are its slopes by arc lengths. ``mixing`` maps the
+        unknowns to the numbers.
         """
         n, numbers = residual.shape[-1], slopes.shape[-1]
         value, rates = misfit
@@ -71,13 +71,13 @@ class Linearized:
 
     @cached_property
     def follow(self) -> Array:
-        """Newton's step of the base moments, and behind it how they follow the unknowns: ``(..., n, 1 + k)``."""
+        """Newton's step of the base moments, then their derivatives by the unknowns: ``(..., n, 1 + k)``."""
         pulls = np.concatenate((self.residual[..., None], self.residual_x), axis=-1)
         return np.asarray(-np.linalg.solve(self.residual_z, pulls))
 
     @cached_property
     def in_equilibrium(self) -> Array:
-        """The misfit there, and behind it its slopes by the unknowns: ``(..., numbers, 1 + k)``."""
+        """The misfit in equilibrium, then its slopes by the unknowns: ``(..., numbers, 1 + k)``."""
         there = self.misfit_z @ self.follow
         there[..., 0] += self.misfit
         there[..., 1:] += self.misfit_x
@@ -85,7 +85,7 @@ class Linearized:
 
     @property
     def step(self) -> Array:
-        """Newton's step of the base moments to the equilibrium of the model's own mesh."""
+        """Newton's step of the base moments to the equilibrium on the model's mesh."""
         return self.follow[..., 0]
 
     @property
@@ -95,9 +95,9 @@ class Linearized:
 
     @property
     def reduced(self) -> Array:
-        """Slopes of the misfit by the unknowns, the robot staying in equilibrium."""
+        """Slopes of the misfit by the unknowns, with the robot kept in equilibrium."""
         return self.in_equilibrium[..., 1:]
 
     def one(self, k: int) -> Linearized:
-        """That of one experiment of a group."""
+        """The linearization of one experiment of a group."""
         return Linearized(*(getattr(self, field.name)[k] for field in attrs.fields(Linearized)))

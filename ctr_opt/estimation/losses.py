@@ -1,4 +1,4 @@
-"""What misfits cost: functions of the squared norm of a block of whitened residuals (a point, a pose)."""
+"""Loss functions of the squared norm of a block of whitened residuals (a point, a pose)."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _HUBER, _CAUCHY = 1.345, 2.385  # 95 % efficient for normal errors of one dimens
 
 @attrs.frozen(eq=False, slots=False)
 class Loss:
-    """One of ``LOSSES``, for blocks of so many numbers: one ``size`` for all, or that of each.
+    """One of ``LOSSES`` for blocks with ``size`` numbers: one size for all blocks, or one for each.
 
-    ``rho(s)`` of the squared norm s: squared ``s / 2``; distance ``sqrt(s + d^2) - d``; Huber and Cauchy with the
-    thresholds that leave as many blocks of good data untouched as they do in one dimension.
+    ``rho(s)`` of the squared norm s: squared ``s / 2``; distance ``sqrt(s + d^2) - d``. The thresholds of Huber and
+    Cauchy leave the same share of good blocks untouched as in one dimension.
     """
 
     name: str
@@ -29,7 +29,7 @@ class Loss:
 
     @cached_property
     def threshold(self) -> Any:
-        """Norm of the residual beyond which a block counts less, standard deviations; infinite for squared."""
+        """Residual norm above which a block is down-weighted, standard deviations; infinite for squared."""
         if self.name == "huber":
             return np.sqrt(quantile(1.0 - tail(_HUBER**2, 1), self.size))
         if self.name == "cauchy":
@@ -37,7 +37,7 @@ class Loss:
         return SMOOTHING if self.name == "distance" else np.inf
 
     def evaluate(self, squared: Any) -> tuple[Array, Array, Array]:
-        """``rho``, and its first and second derivatives by the squared norms."""
+        """The loss ``rho`` and its first and second derivatives by the squared norms."""
         s = np.asarray(squared, dtype=np.float64)
         if self.name == "squared":
             return 0.5 * s, np.full_like(s, 0.5), np.zeros_like(s)

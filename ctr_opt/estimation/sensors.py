@@ -1,4 +1,4 @@
-"""Sensors on tubes: their poses in the tube's material frame, unknown or zero, and what they show."""
+"""Sensors on tubes: their poses in the tube's material frame, unknown or zero, and their predicted poses."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from ..layout.observables import Observable, Observed, ObservedList
 from ..robot.names import euler_rates
 
 Mounting: TypeAlias = "tuple[Array, Array]"
-"""A sensor in a tube's frame: translation ``(3,)``, m, and XYZ Euler angles ``(3,)``, rad."""
+"""Pose of a sensor in a tube's frame: translation ``(3,)``, m, and XYZ Euler angles ``(3,)``, rad."""
 
 
 def names_of(observables: Sequence[Observable]) -> tuple[str, ...]:
-    """The sensors whose poses are observed."""
+    """Names of the sensors whose poses are observed."""
     return tuple(dict.fromkeys(one.sensor for one in observables if one.sensor is not None))
 
 
 def sensed(
     observables: Sequence[Observable], values: ObservedList, mountings: Mapping[str, Mounting]
 ) -> list[Observed]:
-    """Values with the poses of sensors in the place of the tubes' frames that carry them.
+    """Predicted values with sensor poses replacing the frames of the tubes that carry them.
 
-    Behind the columns of the slopes come six more for each sensor, by its translation and its angles.
+    The slopes gain six columns for each sensor, by its translation and its angles.
     """
     starts = {name: 6 * k for k, name in enumerate(mountings)}
     seen = []

@@ -1,4 +1,4 @@
-"""Synthetic experiments: what a robot with known parameters would have shown, with noise."""
+"""Synthetic experiments: simulated measurements of a robot with known parameters, with noise."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def synthetic_experiments(
     seed: Any = 0,
     recorded: Mapping[int, Actuation] | None = None,
 ) -> list[Experiment]:
-    """Experiments on a robot with positions measured under normal noise.
+    """Simulate experiments with positions measured under normal noise.
 
     Parameters
     ----------
     robot
-        The true one.
+        The true robot.
     cases
         Actuation and loads of each experiment.
     places
@@ -42,9 +42,9 @@ def synthetic_experiments(
     sigma
         Standard deviation, m, or one for each axis.
     seed
-        Of the noise.
+        Seed of the noise.
     recorded
-        Actuations that were written down instead of the true ones, by the number of the case: mistyped ones.
+        Mistyped actuations that replace the true ones in the record, by the number of the case.
 
     Examples
     --------
@@ -76,14 +76,15 @@ def synthetic_tip_poses(
     seed: Any = 0,
     recorded: Mapping[int, Actuation] | None = None,
 ) -> list[Experiment]:
-    """Experiments on a robot with position and direction of a sensor at the tip measured under normal noise.
+    """Simulate experiments with position and direction of a sensor at the tip, measured under normal noise.
 
     Parameters
     ----------
     robot, cases, seed, recorded
         As in :func:`synthetic_experiments`.
     sensor, mounting
-        Its name, and its translation ``(3,)``, m, and XYZ Euler angles ``(3,)``, rad, in the innermost tube's frame.
+        Name of the sensor, and its pose in the innermost tube's frame: translation ``(3,)``, m, and XYZ Euler angles
+        ``(3,)``, rad.
     sigma, direction_sigma
         Standard deviations of each coordinate, m, and of the angle about each axis across the direction, rad.
     """

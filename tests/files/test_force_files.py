@@ -134,7 +134,7 @@ def written(folder, change=lambda text: text):
         (lambda text: text.replace('"tip_force"', '"distributed_force"\nend = "30 cm"'), "which ends at 0.163 m"),
         (lambda text: text.replace('sigma = "0.2 mm"', 'sigma = "0.2 N"'), "measurements[0].sigma"),
         (lambda text: text.replace('"points.csv"', '"nothing.csv"'), "nothing.csv"),
-        (lambda text: text.replace('sigma = "0.2 mm"', 'sigma = "0.2 mm"\nordered = true'), "ordered is for points"),
+        (lambda text: text.replace('sigma = "0.2 mm"', 'sigma = "0.2 mm"\nordered = true'), "ordered is for unknown"),
         (lambda text: text.replace("[-0.3, -0.2, -0.1]", "[-0.3, -0.2]"), "rotations has 3 entries"),
         (lambda text: text.replace("[-0.3, -0.2, -0.1]", "[-0.35, -0.2, -0.1]"), "is at s ="),
     ],

@@ -1,4 +1,4 @@
-"""Measurements of a robot in equilibrium, with covariances: a file for each kind, what all share in ``kind``."""
+"""Measurements of a robot in equilibrium, with covariances: one file for each kind, and their base in ``kind``."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ MEASUREMENTS: tuple[type[Measurement], ...] = (
     ForceMeasurement,
     BaseWrenchMeasurement,
 )
-"""All kinds, in the order in which messages name them."""
+"""All kinds of measurements, in the order in which messages name them."""
 
 TABLES = {table.kind: table for kind in MEASUREMENTS for table in kind.tables()}
-"""What describes a measurement in a file, by its ``kind``."""
+"""Tables that describe measurements in files, by their ``kind``."""
 
 COLUMNS = {name: unit for kind in MEASUREMENTS for name, unit in kind.columns.items()}
-"""SI units of vectors that kinds of measurements have in tables of experiments, by their names."""
+"""SI units of the vectors that measurements have in tables of experiments, by column name."""

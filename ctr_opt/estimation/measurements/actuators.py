@@ -1,4 +1,4 @@
-"""What actuators exert on tubes' bases: torques and forces, one number each."""
+"""Measured torques and forces of actuators on the tubes' bases, one number each."""
 
 from __future__ import annotations
 
@@ -13,44 +13,44 @@ from .kind import Measurement, Part
 
 
 class _OfActuator(Measurement):
-    """One number, predicted under the name of the measurement's field, which is its ``kind``."""
+    """A measurement of one number, whose field and observable are named after its ``kind``."""
 
     tube: int
 
     @property
     def observables(self) -> tuple[Observable, ...]:
-        """Of the tube's actuator."""
+        """The torque or force of the tube's actuator."""
         return (Observable(f"actuator_{self.kind}", None, self.tube),)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """One number."""
+        """One block of one number."""
         return 1, 1
 
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
-        """Of a tube's actuator."""
+        """The file table of a tube's actuator."""
         return (Table(cls.kind, {**cls.in_files(), "sigma": cls.entries[cls.kind]}, cls),)
 
     @staticmethod
     def compare(measured: Sequence[_OfActuator], values: ObservedList) -> tuple[Array, Array]:
-        """Differences of the numbers, and derivatives."""
-        numbers = np.array([[[getattr(one, one.kind)]] for one in measured])
+        """Predicted minus measured numbers, and derivatives."""
+        numbers = np.array([[[getattr(measurement, measurement.kind)]] for measurement in measured])
         return values[0].value[:, None] - numbers, values[0].slopes[:, None]
 
 
 @attrs.frozen(eq=False, slots=False)
 class TorqueMeasurement(_OfActuator):
-    """A measured torque of an actuator on a tube's base, N m, about +z of the entry frame.
+    """The measured torque of an actuator on a tube's base, N m, about +z of the entry frame.
 
     Parameters
     ----------
     tube
-        The tube.
+        Number of the tube; 0 is the innermost.
     torque
-        N m, as :meth:`Equilibrium.actuator_wrench <ctr_opt.Equilibrium.actuator_wrench>` gives it.
+        Measured torque, N m, as :meth:`Equilibrium.actuator_wrench <ctr_opt.Equilibrium.actuator_wrench>` defines it.
     sigma
-        Standard deviation, N m, or None.
+        Standard deviation, N m. None: the noise level is estimated from the residuals.
 
     Examples
     --------
@@ -68,16 +68,17 @@ class TorqueMeasurement(_OfActuator):
 
 @attrs.frozen(eq=False, slots=False)
 class ForceMeasurement(_OfActuator):
-    """A measured axial force of an actuator on a tube's base, N, along +z of the entry frame.
+    """The measured axial force of an actuator on a tube's base, N, along +z of the entry frame.
 
     Parameters
     ----------
     tube
-        The tube.
+        Number of the tube; 0 is the innermost.
     force
-        N, as :meth:`Equilibrium.actuator_wrench <ctr_opt.Equilibrium.actuator_wrench>` gives it: without friction.
+        Measured force, N, as :meth:`Equilibrium.actuator_wrench <ctr_opt.Equilibrium.actuator_wrench>` defines it. The
+        model has no friction.
     sigma
-        Standard deviation, N, or None.
+        Standard deviation, N. None: the noise level is estimated from the residuals.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Measured positions of points at unknown places of the backbone."""
+"""Measured positions of points at unknown arc lengths."""
 
 from __future__ import annotations
 
@@ -17,20 +17,19 @@ from .position import PositionMeasurement
 
 @attrs.frozen(eq=False, slots=False)
 class BackboneMeasurement(Measurement):
-    """Measured positions of points somewhere on the backbone, as of a scan or of markers, at unknown arc lengths.
+    """Measured positions of backbone points at unknown arc lengths, such as points of a scan or markers.
 
-    Each point's arc length is estimated with the parameters, between the entry point and the tip, and
-    :attr:`Fit.residuals <ctr_opt.Fit.residuals>` tell it.
+    The arc length of each point is estimated together with the parameters, between the entry point and the tip.
+    :attr:`Fit.residuals <ctr_opt.Fit.residuals>` report the estimate.
 
     Parameters
     ----------
     position
-        ``(k, 3)``, m, world frame.
+        Points ``(k, 3)``, m, world frame.
     sigma
-        As in :class:`PositionMeasurement`.
+        Standard deviation or covariances, as in :class:`PositionMeasurement`.
     ordered
-        Whether the points are given from the entry point towards the tip, so that no arc length is below the one before
-        it.
+        Whether the points run from the entry point towards the tip. Their arc lengths then never decrease.
 
     Examples
     --------
@@ -51,31 +50,31 @@ class BackboneMeasurement(Measurement):
 
     @property
     def observables(self) -> tuple[Observable, ...]:
-        """A pose for each point."""
+        """The pose at each point."""
         return (Observable("pose", Somewhere(), frame=0),) * len(self.position)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Points, and three coordinates."""
+        """Number of points, and three coordinates."""
         return len(self.position), 3
 
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
-        """Points, which may have arc lengths."""
+        """The file table of points, with or without arc lengths."""
         entries = {"sigma": vector_sigma("m"), "ordered?": cls.entries["ordered"]}
         return (Table("points", entries, _points, {"x": "m", "y": "m", "z": "m"}, {"s": "m"}),)
 
     @staticmethod
     def compare(measured: Sequence[BackboneMeasurement], values: ObservedList) -> tuple[Array, Array]:
-        """Distances to the points, and derivatives, places held."""
+        """Predicted minus measured positions, and derivatives at fixed arc lengths."""
         return distances(measured, values)
 
 
 def _points(columns: Mapping[str, Array], sigma: Any, ordered: bool = False) -> Measurement:
-    """Points of a table, at known places if it has a column of them."""
+    """Points of a table; with a column ``s`` a measurement at known arc lengths."""
     points = np.column_stack([columns[axis] for axis in "xyz"])
     if "s" not in columns:
         return BackboneMeasurement(points, sigma, ordered=ordered)
     if ordered:
-        raise DefinitionError("ordered is for points whose arc lengths are unknown, but the table has a column s")
+        raise DefinitionError("ordered is for unknown arc lengths, but the table has a column s: remove one of them")
     return PositionMeasurement(columns["s"], points, sigma)

@@ -1,4 +1,4 @@
-"""The measured force and moment of a robot on its support."""
+"""Measured force and moment of a robot on its support."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from .kind import Measurement, Part, six, vector_sigma
 
 
 def _sigma(value: Any) -> Any:
-    """Of force and moment, as one for each axis."""
+    """Standard deviations of six components, from a pair of force and moment."""
     return six(*value) if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 2 else value
 
 
 @attrs.frozen(eq=False, slots=False)
 class BaseWrenchMeasurement(Measurement):
-    """A measured wrench of the robot on its support, as a six-axis sensor under the robot shows it.
+    """The measured wrench of the robot on its support, as a six-axis sensor under the robot measures it.
 
-    It is the resultant of all loads on the robot in front of the entry point, those at the entry point and weights
-    included: by the balance of forces and moments, ``F = sum f`` and ``M = sum (p - p_0) x f + l`` of forces ``f`` and
-    moments ``l`` at places ``p``, with the entry point ``p_0``. Behind the entry point only actuators act; the sensor
-    carries them too, so that their forces and torques, which are internal, do not show. The weight of what is behind
-    the entry point is no part of it: set the sensor to zero with it, or subtract it.
+    The wrench is the resultant of all loads in front of and at the entry point, weights included. By the balance of
+    forces and moments, ``F = sum f`` and ``M = sum (p - p_0) x f + l``, with forces ``f`` and moments ``l`` at points
+    ``p`` and the entry point ``p_0``. Actuators act behind the entry point. The sensor carries them too, so that their
+    forces and torques are internal and do not appear. The weight of parts behind the entry point is not included:
+    tare the sensor with these parts mounted, or subtract their weight.
 
     Parameters
     ----------
     wrench
         ``(6,)``: force, N, and moment about the entry point, N m, world frame, as
-        :attr:`Equilibrium.base_wrench <ctr_opt.Equilibrium.base_wrench>` gives it.
+        :attr:`Equilibrium.base_wrench <ctr_opt.Equilibrium.base_wrench>` defines it.
     sigma
-        Standard deviations of force (N) and moment (N m): a pair of numbers, or ``(6,)``; a covariance ``(6, 6)``; or
-        None.
+        Standard deviations of force (N) and moment (N m), as a pair of numbers or ``(6,)``; or a covariance ``(6, 6)``.
+        None: the noise level is estimated from the residuals.
 
     Examples
     --------
-    A rod of 0.1 m along z that is pushed to the side at its tip:
+    A rod of 0.1 m along z with a lateral force at its tip:
 
     >>> BaseWrenchMeasurement([0.2, 0.0, 0.0, 0.0, 0.02, 0.0], sigma=(0.01, 5e-4)).shape
     (1, 6)
@@ -56,38 +56,38 @@ class BaseWrenchMeasurement(Measurement):
 
     @property
     def observables(self) -> tuple[Observable, ...]:
-        """The wrench."""
+        """The base wrench."""
         return (Observable("base_wrench"),)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Six numbers."""
+        """One block of six numbers."""
         return 1, 6
 
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
-        """Force and moment."""
+        """The file table of force and moment."""
         entries = {"force": Entry("N", (3,)), "moment": Entry("N m", (3,))}
         entries |= {"force_sigma": vector_sigma("N"), "moment_sigma": vector_sigma("N m")}
         return (Table("base_wrench", entries, _of_parts),)
 
     @classmethod
     def of_columns(cls, values: Mapping[str, Array], sigmas: Mapping[str, Any]) -> Measurement:
-        """From force and moment, and their standard deviations: of both, or of none."""
+        """The measurement from force and moment; standard deviations are given for both or for neither."""
         deviations = [sigmas[name] for name in cls.columns]
-        if sum(one is None for one in deviations) == 1:
-            raise DefinitionError("sigma: give it for both base_force and base_moment, or for none")
+        if sum(deviation is None for deviation in deviations) == 1:
+            raise DefinitionError("sigma must be given for both base_force and base_moment, or for neither")
         sigma = None if deviations[0] is None else six(*deviations)
         return cls(np.concatenate([values[name] for name in cls.columns]), sigma)
 
     def to_columns(self) -> Mapping[str, Array]:
-        """Force and moment."""
+        """Force and moment, by column name."""
         return dict(zip(self.columns, np.split(self.wrench, 2), strict=True))
 
     @staticmethod
     def compare(measured: Sequence[BaseWrenchMeasurement], values: ObservedList) -> tuple[Array, Array]:
-        """Differences of the wrenches, and derivatives."""
-        wrenches = np.array([one.wrench for one in measured])
+        """Predicted minus measured wrenches, and derivatives."""
+        wrenches = np.array([measurement.wrench for measurement in measured])
         return (values[0].value - wrenches)[:, None], values[0].slopes[:, None]
 
 

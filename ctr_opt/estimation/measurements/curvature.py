@@ -1,4 +1,4 @@
-"""Measured curvatures of a tube, as of a fibre in it."""
+"""Measured curvatures of a tube, such as those of a fibre in it."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from .kind import Measurement, Part, places
 
 @attrs.frozen(eq=False, slots=False)
 class CurvatureMeasurement(Measurement):
-    """Measured curvature of a tube, as of a fibre with Bragg gratings in it, in that tube's material frame.
+    """Measured curvatures of a tube in its material frame, such as those of a fibre with Bragg gratings.
 
     Parameters
     ----------
     arc_length
-        Where: arc lengths, ends of tubes or None, the tip; one place or several.
+        One place or several: arc lengths, m; ``Distal(tube)``, a tube's end; or None, the tip.
     curvature
-        ``(2,)`` or ``(k, 2)``, 1/m: ``u_x, u_y``; with a third column also the tube's ``u_z``.
+        Curvatures ``u_x, u_y``, 1/m, ``(2,)`` or ``(k, 2)``. A third column adds the tube's ``u_z``.
     sigma
-        As in :class:`PositionMeasurement`, 1/m.
+        Standard deviation or covariances, 1/m, as in :class:`PositionMeasurement`.
     tube
-        The tube that carries the fibre.
+        Number of the tube that carries the fibre.
 
     Examples
     --------
@@ -55,27 +55,27 @@ class CurvatureMeasurement(Measurement):
 
     @property
     def observables(self) -> tuple[Observable, ...]:
-        """Curvatures at the places."""
+        """The tube's curvatures at these places."""
         return tuple(Observable("tube_curvature", place, self.tube) for place in self.arc_length)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Places, and two or three numbers."""
+        """Number of places, and two or three curvatures."""
         return self.curvature.shape[0], self.curvature.shape[1]
 
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
-        """Two curvatures at places along a tube."""
+        """The file table of two curvatures at places along a tube."""
         entries = {"sigma": Entry("1/m", (2,), scalar_too=True), **cls.in_files()}
         return (Table("curvatures", entries, _fibre, {"s": "m", "u_x": "1/m", "u_y": "1/m"}),)
 
     @staticmethod
     def compare(measured: Sequence[CurvatureMeasurement], values: ObservedList) -> tuple[Array, Array]:
-        """Differences of the curvatures, and derivatives."""
+        """Predicted minus measured curvatures, and derivatives."""
         size = measured[0].shape[1]
         predicted = Stacked.of(values)
-        off = predicted.value[..., :size] - np.array([one.curvature for one in measured])
-        return off, predicted.slopes[:, :, :size]
+        curvatures = np.array([measurement.curvature for measurement in measured])
+        return predicted.value[..., :size] - curvatures, predicted.slopes[:, :, :size]
 
 
 def _fibre(columns: Mapping[str, Array], sigma: Any, tube: int = 0) -> Measurement:

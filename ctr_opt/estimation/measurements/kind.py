@@ -1,8 +1,8 @@
-"""What every kind of measurement says of itself: the basis of the kinds, one file each, beside this one.
+"""Base class of all kinds of measurements; each kind has its own file beside this one.
 
-A measurement names its ``observables``, and compares their predicted values with what was measured: residuals in
-blocks, as a point is a block of three numbers, whose norm a robust loss sees. What files and reports need is data of
-the kind: its ``tables`` and ``columns`` of files, and the ``parts`` of a block with their units.
+A measurement names its ``observables`` and compares their predicted with the measured values. Residuals come in
+blocks: a point is a block of three numbers, and a robust loss acts on the block's norm. Files and reports read data of
+the kind: the ``tables`` and ``columns`` of files, and the ``parts`` of a block with their units.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ...layout.observables import Distal, Observable, ObservedList, Place, Stack
 
 
 def places(value: Any) -> tuple[Place, ...]:
-    """Converter of one place or several."""
+    """Convert one place or several to a tuple."""
     if value is None or isinstance(value, Distal):
         return (value,)
     if isinstance(value, (list, tuple)) and any(item is None or isinstance(item, Distal) for item in value):
@@ -33,16 +33,16 @@ def places(value: Any) -> tuple[Place, ...]:
         return (_length(value),)
     if len(value) == 0:
         raise DefinitionError("arc_length = [] must hold at least one place")
-    given = array(value, "arc_length", (None,), unit="m")
-    return tuple(_length(item) for item in given) if (given < 0.0).any() else tuple(given.tolist())
+    lengths = array(value, "arc_length", (None,), unit="m")
+    return tuple(_length(item) for item in lengths) if (lengths < 0.0).any() else tuple(lengths.tolist())
 
 
 def place(value: Any) -> tuple[Place, ...]:
-    """Converter of one place."""
-    given = places(value)
-    if len(given) != 1:
-        raise DefinitionError(f"arc_length = {value!r} must be one place: give a measurement for each")
-    return given
+    """Convert exactly one place to a tuple."""
+    converted = places(value)
+    if len(converted) != 1:
+        raise DefinitionError(f"arc_length = {value!r} must be one place; give one measurement for each place")
+    return converted
 
 
 def _length(value: Any) -> float:
@@ -50,7 +50,7 @@ def _length(value: Any) -> float:
 
 
 def sensor_name(value: Any) -> str | None:
-    """Converter of the name of a sensor, or None."""
+    """Check the name of a sensor; None passes."""
     if value is not None and not (isinstance(value, str) and re.fullmatch(r"[A-Za-z]\w*", value)):
         raise DefinitionError(f"sensor = {value!r} must be a name of letters, digits and underscores")
     return value
@@ -61,10 +61,10 @@ def sensor_name(value: Any) -> str | None:
 
 @attrs.frozen
 class Part:
-    """Numbers of a block that reports give together, by their norm.
+    """The numbers of a block that reports summarize by their norm.
 
-    ``name``: what they are, several of them; ``title``: what they are called beside their place; ``unit``: SI;
-    ``first, last``: which of the block they are.
+    ``name`` is their plural, ``title`` their name beside the place, ``unit`` their SI unit. ``first`` and ``last``
+    select them in the block.
     """
 
     name: str
@@ -75,17 +75,17 @@ class Part:
 
     @property
     def of_block(self) -> slice:
-        """Where they stand in a block."""
+        """The slice of these numbers in a block."""
         return slice(self.first, self.last)
 
 
 def vector_sigma(unit: str) -> Entry:
-    """The entry of a standard deviation, one or one for each axis."""
+    """The file entry of a standard deviation: one number, or one for each axis."""
     return Entry(unit, (3,), scalar_too=True)
 
 
 def six(first: Any, last: Any) -> Array:
-    """Three numbers, or one for all three, and three others."""
+    """Six numbers from two triples; a scalar fills its triple."""
     return np.concatenate((np.broadcast_to(first, 3), np.broadcast_to(last, 3)))
 
 
@@ -93,18 +93,18 @@ def six(first: Any, last: Any) -> Array:
 
 
 class Measurement(Checked, ABC):
-    """What all kinds of measurements share: whitening, checks, and what files and reports need.
+    """Base of all measurements: whitening, checks, and the data for files and reports.
 
     Attributes
     ----------
     unit
-        SI: the standard deviation where none is given, so that residuals are reported in mm, mrad and so on.
+        The standard deviation, SI, that replaces a missing one, so that residuals are reported in mm, mrad and so on.
     one_unit
         Whether all numbers of a block have one unit.
     columns
         SI units of vectors in tables of experiments, three columns ``<name>_x``, ``_y``, ``_z`` each.
     parts
-        Of a block, for reports.
+        The parts of a block, for reports.
     """
 
     unit: ClassVar[float] = 1e-3
@@ -125,7 +125,7 @@ class Measurement(Checked, ABC):
     @property
     @abstractmethod
     def observables(self) -> tuple[Observable, ...]:
-        """What is observed."""
+        """The observables of the robot that this measurement compares."""
 
     @property
     @abstractmethod
@@ -135,9 +135,10 @@ class Measurement(Checked, ABC):
     @staticmethod
     @abstractmethod
     def compare(measured: Sequence[Any], values: ObservedList) -> tuple[Array, Array]:
-        """Predicted minus measured ``(E, blocks, size)``, SI, and the derivatives ``(E, blocks, size, k)``.
+        """Predicted minus measured values ``(E, blocks, size)``, SI, and derivatives ``(E, blocks, size, k)``.
 
-        ``measured``: of one kind and shape, in E experiments; ``values``: predicted ones of their observables.
+        ``measured`` holds measurements of one kind and shape in E experiments. ``values`` are the predictions of their
+        observables.
         """
 
     @property
@@ -147,14 +148,14 @@ class Measurement(Checked, ABC):
 
     @cached_property
     def whitener(self) -> Array:
-        """``(blocks, size, size)``: by what residuals are multiplied to have unit covariance."""
+        """Factors ``(blocks, size, size)`` that give the residuals unit covariance."""
         return whitening(self.sigma if self.scaled else self.unit, *self.shape)
 
     @cached_property
     def isotropic(self) -> Array:
-        """The whitener of a standard deviation equal along all axes, the root mean square of theirs.
+        """The whitener with the root mean square of the axes' standard deviations along every axis.
 
-        As given, where the numbers of a block have several units.
+        A block with several units keeps its own whitener.
         """
         if not self.one_unit:
             return self.whitener
@@ -163,11 +164,11 @@ class Measurement(Checked, ABC):
         return np.asarray(np.eye(size) / np.sqrt(variances)[:, None, None])
 
     def whitener_for(self, loss: str) -> Array:
-        """By what residuals are multiplied under a loss: distances are the same along all axes."""
+        """The whitener under a loss; the loss ``"distance"`` weighs all axes equally."""
         return self.isotropic if loss == "distance" else self.whitener
 
     def check(self, tubes: int) -> None:
-        """Raise ``DefinitionError`` for a tube that a robot with this number of ``tubes`` does not have."""
+        """Raise ``DefinitionError`` if a tube's number exceeds this number of ``tubes``."""
         for one in self.observables:
             for carrier in (one.tube, one.place.tube if isinstance(one.place, Distal) else None):
                 if carrier is not None:
@@ -175,38 +176,38 @@ class Measurement(Checked, ABC):
 
     @classmethod
     def of_columns(cls, values: Mapping[str, Array], sigmas: Mapping[str, Any]) -> Measurement:
-        """From the vectors ``(3,)`` of its columns, SI, and their standard deviations, by their names."""
+        """The measurement from its columns' vectors ``(3,)``, SI, and standard deviations, by column name."""
         raise NotImplementedError
 
     def to_columns(self) -> Mapping[str, Array]:
-        """The vectors ``(3,)`` of its columns, SI."""
+        """The vectors ``(3,)``, SI, by column name."""
         raise NotImplementedError
 
 
 def whitening(sigma: Any, blocks: int, size: int, field: str = "sigma") -> Array:
-    """``(blocks, size, size)`` from a standard deviation, one for each axis, or covariances of all or of each block.
+    """Whitening factors ``(blocks, size, size)`` from standard deviations or covariances.
 
-    A number is a standard deviation of every component, ``(size,)`` are those of the axes, ``(size, size)`` is a
-    covariance, ``(blocks, size, size)`` are covariances.
+    A number is the standard deviation of every component; ``(size,)`` holds one for each axis. ``(size, size)`` is the
+    covariance of every block; ``(blocks, size, size)`` holds one for each block.
     """
     if np.ndim(sigma) == 0:
         return _of_one_deviation(number(sigma, field, above=0.0), blocks, size)
-    given = array(sigma, field, (None,) * np.ndim(sigma))
-    if given.shape == (size,):
-        if not (given > 0.0).all():
-            raise DefinitionError(f"{field} = {given.tolist()} must be positive, one for each axis")
-        return np.broadcast_to(np.diag(1.0 / given), (blocks, size, size))
-    if given.shape not in ((size, size), (blocks, size, size)):
+    spread = array(sigma, field, (None,) * np.ndim(sigma))
+    if spread.shape == (size,):
+        if not (spread > 0.0).all():
+            raise DefinitionError(f"{field} = {spread.tolist()} must be positive, one for each axis")
+        return np.broadcast_to(np.diag(1.0 / spread), (blocks, size, size))
+    if spread.shape not in ((size, size), (blocks, size, size)):
         raise DefinitionError(
-            f"{field} has shape {given.shape}, but must be a number, have shape ({size},), or hold covariances of "
+            f"{field} has shape {spread.shape}, but must be a number, have shape ({size},), or hold covariances of "
             f"shape ({size}, {size}) or ({blocks}, {size}, {size})"
         )
     try:
-        deviations = np.sqrt(np.abs(np.diagonal(given, axis1=-2, axis2=-1)))
+        deviations = np.sqrt(np.abs(np.diagonal(spread, axis1=-2, axis2=-1)))
         allowed = 1e-6 * deviations[..., :, None] * deviations[..., None, :]
-        if np.any(np.abs(given - np.swapaxes(given, -1, -2)) > allowed):
+        if np.any(np.abs(spread - np.swapaxes(spread, -1, -2)) > allowed):
             raise np.linalg.LinAlgError
-        factor = np.linalg.cholesky(given)
+        factor = np.linalg.cholesky(spread)
     except np.linalg.LinAlgError:
         raise DefinitionError(f"{field}: a covariance must be symmetric and positive definite") from None
     return np.broadcast_to(np.linalg.inv(factor), (blocks, size, size))
@@ -214,7 +215,7 @@ def whitening(sigma: Any, blocks: int, size: int, field: str = "sigma") -> Array
 
 @lru_cache
 def _of_one_deviation(sigma: float, blocks: int, size: int) -> Array:
-    """The whitener of a standard deviation: shared by the measurements of a stream, and not to be written to."""
+    """The whitener of one standard deviation; the read-only result is shared by the measurements of a stream."""
     return np.broadcast_to(np.eye(size) / sigma, (blocks, size, size))
 
 

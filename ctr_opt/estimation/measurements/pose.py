@@ -16,21 +16,21 @@ from .kind import DIRECTIONS, POINTS, Measurement, place, sensor_name, six, vect
 
 @attrs.frozen(eq=False, slots=False)
 class PoseMeasurement(Measurement):
-    """A measured pose, as of an electromagnetic sensor: position and orientation of a tube's material frame.
+    """A measured pose of a tube's material frame, such as that of an electromagnetic sensor.
 
     Parameters
     ----------
     arc_length
-        As in :class:`PositionMeasurement`, one place.
+        One place, as in :class:`PositionMeasurement`.
     pose
-        ``(4, 4)``, world frame.
+        Homogeneous matrix ``(4, 4)``, m, world frame.
     sigma
-        Standard deviations ``(6,)`` of position (m) and rotation (rad, about the world's axes), a covariance
-        ``(6, 6)``, or None.
+        Standard deviations ``(6,)`` of position (m) and rotation (rad, about the world's axes), or a covariance
+        ``(6, 6)``. None: the noise level is estimated from the residuals.
     tube
-        Whose frame it is; None: the innermost tube's that is there.
+        Number of the tube whose frame was measured. None: the innermost tube at this place.
     sensor
-        As in :class:`PositionMeasurement`: the pose is that of a sensor on the tube.
+        Name of the sensor, if the pose is that of a sensor on the tube, as in :class:`PositionMeasurement`.
 
     Examples
     --------
@@ -54,21 +54,21 @@ class PoseMeasurement(Measurement):
             raise DefinitionError(f"pose: the last row {self.pose[3].tolist()} must be [0, 0, 0, 1]")
         frame = self.pose[:3, :3]
         if np.abs(frame.T @ frame - np.eye(3)).max() > 1e-6 or np.linalg.det(frame) < 0.0:
-            raise DefinitionError("pose: the upper left 3 x 3 block is no rotation (allowed: 1e-6)")
+            raise DefinitionError("pose: the upper left 3 x 3 block is not a rotation matrix (allowed deviation: 1e-6)")
 
     @property
     def observables(self) -> tuple[Observable, ...]:
-        """The pose."""
+        """The pose of the tube's frame or of the sensor."""
         return (Observable("pose", self.arc_length[0], self.tube, self.sensor),)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Six numbers."""
+        """One block of six numbers."""
         return 1, 6
 
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
-        """Of a tube's end."""
+        """The file table of a pose at a tube's end."""
         entries = {
             **cls.in_files(),
             "position_sigma": vector_sigma("m"),
@@ -82,14 +82,14 @@ class PoseMeasurement(Measurement):
         from scipy.spatial.transform import Rotation
 
         value, slopes = values[0].value, values[0].slopes
-        poses = np.array([one.pose for one in measured])
+        poses = np.array([measurement.pose for measurement in measured])
         turned = Rotation.from_matrix(value[:, :, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)).as_rotvec()
         rates = np.concatenate((slopes[:, :3], inverse_left_jacobian(turned) @ slopes[:, 3:]), axis=1)
         return np.hstack((value[:, :, 3] - poses[:, :3, 3], turned))[:, None], rates[:, None]
 
 
 def inverse_left_jacobian(vectors: Array) -> Array:
-    """Takes angular velocities to the rates of rotation vectors ``(E, 3)``: ``d log(R)`` of ``dR = hat(w) R``."""
+    """Matrices from angular velocities to rates of rotation vectors ``(E, 3)``: ``d log(R)``, ``dR = hat(w) R``."""
     angle = np.linalg.norm(vectors, axis=1)
     small = angle < 1e-4  # the series' next term is below 1e-18
     safe = np.where(small, 1.0, angle)

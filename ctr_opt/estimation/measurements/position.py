@@ -1,4 +1,4 @@
-"""Measured positions of backbone points at known places."""
+"""Measured positions of backbone points at known arc lengths."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ from .kind import POINTS, Measurement, distances, places, sensor_name, vector_si
 
 @lru_cache
 def _poses(where: tuple[Place, ...], sensor: str | None) -> tuple[Observable, ...]:
-    """Poses: one object for all measurements at the same places."""
+    """Poses at places; all measurements at the same places share one object."""
     return tuple(Observable("pose", place, sensor=sensor, frame=0 if sensor is None else None) for place in where)
 
 
 @attrs.frozen(eq=False, slots=False)
 class PositionMeasurement(Measurement):
-    """Measured positions of backbone points.
+    """Measured positions of backbone points at known places.
 
     Parameters
     ----------
     arc_length
-        Where: an arc length from the entry point, m; ``None``, the tip; ``Distal(tube)``, that tube's end (both move
-        when translations or offsets are unknown); or a list of such places.
+        One place or a list of places: an arc length from the entry point, m; ``None``, the tip; or ``Distal(tube)``,
+        that tube's end. Tip and ends move with unknown translations and offsets.
     position
-        ``(3,)``, m, world frame; ``(k, 3)`` for k places.
+        Measured point ``(3,)``, m, world frame; ``(k, 3)`` for k places.
     sigma
         Standard deviation, m: a number, one for each axis ``(3,)``, or covariances ``(3, 3)`` or ``(k, 3, 3)``. None:
-        the noise level is unknown and estimated from the residuals.
+        the noise level is estimated from the residuals.
     sensor
-        A name, if the point is a sensor's, fixed to the material frame of a tube at one place (of the innermost that
-        is there, or of the one that ends there). Its pose in that frame: ``"sensors.<name>.translation"`` and
-        ``"sensors.<name>.rotation"`` of :class:`Parameter`, zero where they are not estimated.
+        Name of the sensor, if the point belongs to a sensor on a tube at one place. The sensor is fixed to the material
+        frame of the innermost tube there, or of the tube that ends there. The parameters
+        ``"sensors.<name>.translation"`` and ``"sensors.<name>.rotation"`` (see :class:`Parameter`) are its pose in that
+        frame, zero unless they are estimated.
 
     Examples
     --------
@@ -62,27 +63,27 @@ class PositionMeasurement(Measurement):
             )
         if self.sensor is not None and len(self.arc_length) != 1:
             raise DefinitionError(
-                f"sensor = {self.sensor!r} must be at one place: give a measurement for each of {len(self.arc_length)}"
+                f"sensor = {self.sensor!r} must be at one place; give a measurement for each of {len(self.arc_length)}"
             )
         object.__setattr__(self, "position", points.reshape(-1, 3))
 
     @property
     def observables(self) -> tuple[Observable, ...]:
-        """Poses at the places."""
+        """The poses at these places."""
         return _poses(self.arc_length, self.sensor)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Points, and three coordinates."""
+        """Number of points, and three coordinates."""
         return len(self.arc_length), 3
 
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
-        """Of the tip."""
+        """The file table of the tip's position."""
         entries = {"position": Entry("m", (3,)), "sigma": vector_sigma("m")}
         return (Table("tip_position", entries, partial(cls, None)),)
 
     @staticmethod
     def compare(measured: Sequence[PositionMeasurement], values: ObservedList) -> tuple[Array, Array]:
-        """Distances to the points, and derivatives."""
+        """Predicted minus measured positions, and derivatives."""
         return distances(measured, values)

@@ -1,4 +1,4 @@
-"""A measured direction of the backbone's tangent, or of a sensor's axis."""
+"""Measured direction of the backbone's tangent or of a sensor's axis."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ def _direction(value: Any) -> Array:
 
 @attrs.frozen(eq=False, slots=False)
 class TangentMeasurement(Measurement):
-    """A measured direction of the backbone's tangent, as of a sensor with five degrees of freedom.
+    """A measured direction of the backbone's tangent, such as that of a sensor with five degrees of freedom.
 
     Parameters
     ----------
     arc_length
-        As in :class:`PositionMeasurement`, one place.
+        One place, as in :class:`PositionMeasurement`.
     direction
-        ``(3,)``, world frame, of any length.
+        Vector ``(3,)`` of any length, world frame.
     sigma
-        Standard deviation of the angle, rad, about every axis across the tangent; or None.
+        Standard deviation of the angle about every axis across the tangent, rad. None: the noise level is estimated
+        from the residuals.
     sensor
-        As in :class:`PositionMeasurement`: the direction is that of the z axis of a sensor on the tube.
+        Name of the sensor, if the direction is the z axis of a sensor, as in :class:`PositionMeasurement`.
 
     Examples
     --------
@@ -49,7 +50,7 @@ class TangentMeasurement(Measurement):
 
     def _check(self) -> None:
         if self.sigma is not None and np.ndim(self.sigma):
-            raise DefinitionError(f"sigma = {self.sigma!r} must be a number, of every axis across the tangent")
+            raise DefinitionError(f"sigma = {self.sigma!r} must be one number for all axes across the tangent")
 
     @cached_property
     def _across(self) -> Array:
@@ -58,17 +59,17 @@ class TangentMeasurement(Measurement):
 
     @property
     def observables(self) -> tuple[Observable, ...]:
-        """The pose."""
+        """The pose of the backbone's frame or of the sensor."""
         return (Observable("pose", self.arc_length[0], sensor=self.sensor, frame=0 if self.sensor is None else None),)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Two angles."""
+        """One block of two angles."""
         return 1, 2
 
     @classmethod
     def tables(cls) -> tuple[Table, ...]:
-        """Of the tip."""
+        """The file table of the tip's direction."""
         entries = {"direction": Entry("1", (3,)), "sigma": Entry("rad")}
         return (Table("tip_direction", entries, partial(cls, None)),)
 
@@ -76,8 +77,8 @@ class TangentMeasurement(Measurement):
     def compare(measured: Sequence[TangentMeasurement], values: ObservedList) -> tuple[Array, Array]:
         """The predicted tangent across the measured one, scaled to the angle between them, and derivatives."""
         tangent, slopes = values[0].value[:, :, 2], values[0].slopes[:, 3:]
-        axes = np.array([one._across for one in measured])
-        direction = np.array([one.direction for one in measured])[:, None]
+        axes = np.array([measurement._across for measurement in measured])
+        direction = np.array([measurement.direction for measurement in measured])[:, None]
         moved = np.cross(slopes, tangent[:, :, None], axis=1)
         across, of_across = (axes @ tangent[..., None])[..., 0], axes @ moved
         along = np.sum(direction[:, 0] * tangent, axis=1)
@@ -95,5 +96,5 @@ class TangentMeasurement(Measurement):
 
 
 def _factors(numbers: Array) -> Array:
-    """A number of each experiment, as a factor of its matrix."""
+    """One number for each experiment, shaped to multiply its matrix."""
     return numbers[:, None, None]

@@ -1,4 +1,4 @@
-"""The model of experiments of one kind by compiled code, for the parameters and observables that it knows."""
+"""Compiled model of experiments, for the parameters and observables that compiled code supports."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _APART = 10.0 * SAME_POINT  # of the longest tube
 def compilable(
     robot: Robot, loads: Sequence[Load], observables: Sequence[Observable], acting: Sequence[str], wanted: bool | None
 ) -> bool:
-    """Whether compiled code serves experiments with such loads, observables and parameters.
+    """Whether compiled code supports these loads, observables and parameters.
 
-    ``wanted``: True waits for the compiler and raises ``CompilationError`` where there is none, None uses compiled code
-    where there is a compiler, unless it works on request only.
+    ``wanted=True`` waits for the compiler and raises ``CompilationError`` without one. ``wanted=None`` uses compiled
+    code if there is a compiler, unless compilation is on request only.
     """
     if wanted is False or (wanted is None and (compilation.on_request_only() or compilation.compiler() is None)):
         return False
@@ -42,16 +42,16 @@ def compilable(
 
 
 class CompiledModel:
-    """Residuals and observables of experiments, and derivatives by the ``acting`` parameters, in one call.
+    """Residuals and observables of all experiments, and derivatives by the ``acting`` parameters, in one call.
 
-    ``observables``: those of each experiment, framed, alike except for arc lengths; ``sizes``: of the parameters by
-    name.
+    ``observables`` holds the framed observables of each experiment, which differ in arc lengths only. ``sizes`` are the
+    parameters' sizes by name.
     """
 
     def __init__(self, observables: Sequence[Sequence[Observable]], sizes: Mapping[str, int]) -> None:
         self.observables = observables[0]
-        placed = [[one for one in own if one.quantity.at == "place"] for own in observables]
-        self._numbers = np.array([[arc_length(one) for one in own] for own in placed])
+        placed = [[one for one in of_experiment if one.quantity.at == "place"] for of_experiment in observables]
+        self._numbers = np.array([[arc_length(one) for one in of_experiment] for of_experiment in placed])
         self._on = [one.on for one in placed[0]]
         self._somewhere = [k for k, one in enumerate(placed[0]) if isinstance(one.place, Somewhere)]
         self.acting = list(sizes)
@@ -68,10 +68,10 @@ class CompiledModel:
         angles: Array,
         s: Array,
     ) -> tuple[Array, ObservedList, Array]:
-        """As :meth:`SymbolicModel.evaluate`.
+        """Residuals, observables and slopes, as :meth:`SymbolicModel.evaluate` returns them.
 
-        ``angles`` are those of the base, by which the robot is turned already; ``s (E, k)``: arc lengths of the points
-        that are somewhere.
+        ``angles`` are the base's Euler angles, which ``robot`` already contains. ``s (E, k)`` are estimated arc
+        lengths.
         """
         joints = np.array([joints_of(actuation) for actuation, _ in experiments])
         values = self._model(self.acting, robot, experiments, joints, s).at(z)
@@ -84,7 +84,7 @@ class CompiledModel:
                 values.observed[k].value[:] = whole.observed[k].value
         if values.failed.any():
             k = int(np.flatnonzero(values.failed)[0])
-            raise EstimationError(f"compiled code refused experiment {k}: its steps cannot be laid out")
+            raise EstimationError(f"compiled code cannot lay out integration steps for experiment {k}")
         if self._turned is not None:
             first = z.shape[1] + int(self._turned)
             part, turn = slice(first, first + 3), euler_rates(angles)
@@ -102,18 +102,18 @@ class CompiledModel:
     ) -> Predictions:
         """Predictions with derivatives by the named parameters, at joints ``(E, 2 tubes)``.
 
-        They are built again only where loads, or what follows from the robot's numbers, have changed.
+        They are built again only if loads, or numbers derived from the robot's, have changed.
         """
         ends = chained(joints[:, len(robot.tubes) :] + [tube.length for tube in robot.tubes])
         places, key = self._places(ends, s), (tuple(names), innermost(ends).tobytes())
         if key not in self._kept or not self._fixed:
-            own = [(actuation_of(at), loads) for at, (_, loads) in zip(joints, experiments, strict=True)]
-            self._kept[key] = places, Predictions(robot, names, own, self.observables, places)
+            cases = [(actuation_of(at), loads) for at, (_, loads) in zip(joints, experiments, strict=True)]
+            self._kept[key] = places, Predictions(robot, names, cases, self.observables, places)
         before, model = self._kept[key]
         return model.moved(robot, joints, None if np.array_equal(places, before, equal_nan=True) else places)
 
     def _places(self, ends: Array, s: Array) -> Array:
-        """Arc lengths of what is observed at places ``(E, k)``; not numbers where that is the end of what it is on."""
+        """Arc lengths of placed observables ``(E, k)``; not a number at the end of the tube or robot."""
         length = ends.max(axis=1)
         places = self._numbers.copy()
         places[:, self._somewhere] = np.minimum(s, length[:, None])
@@ -123,14 +123,14 @@ class CompiledModel:
         return places
 
 
-def _parted(robot: Robot, joints: Array, those: NDArray[np.intp]) -> Array:
-    """Joints ``(E, 2 tubes)`` with the tubes of ``those`` experiments a little farther in front, outer ones by more.
+def _parted(robot: Robot, joints: Array, moved: NDArray[np.intp]) -> Array:
+    """Joints ``(E, 2 tubes)`` with the tubes of the ``moved`` experiments slightly advanced, outer tubes by more.
 
-    So break points that coincide come apart, in the order in which symbols are sorted, and derivatives by translations
-    have one side. A tube whose base is at the entry point is drawn back, an inner one by more.
+    This separates coinciding break points in the order in which symbols are sorted, and derivatives by translations
+    become one-sided. A tube whose base is at the entry point is retracted instead, an inner tube by more.
     """
     joints, tubes = joints.copy(), len(robot.tubes)
     step = _APART * max(tube.length for tube in robot.tubes)
     ahead, back = step * np.arange(1, tubes + 1), -step * np.arange(tubes, 0, -1)
-    joints[those, tubes:] += np.where(joints[those, tubes:] + ahead <= 0.0, ahead, back)
+    joints[moved, tubes:] += np.where(joints[moved, tubes:] + ahead <= 0.0, ahead, back)
     return joints

@@ -1,7 +1,7 @@
-"""The model of experiments of one kind, symbolically: residual and predictions, and their derivatives by what acts.
+"""Symbolic model of experiments: residual and predictions, and their derivatives by the acting parameters.
 
-Experiments whose loads and measurements have the same structure differ by numbers alone, so that one CasADi function
-serves them all: break points are sorted inside, and its unknowns are the base moments and what the numbers are.
+Experiments whose loads and measurements have the same structure differ in numbers only. One CasADi function therefore
+serves them all: it sorts break points itself, and its arguments are the base moments and the numbers.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ _INTEGRATOR = "RK8"
 
 
 def structure(robot: Robot, actuation: Actuation, loads: Sequence[Load], observables: Sequence[Observable]) -> Hashable:
-    """Equal for experiments that one function serves; ``observables`` are framed."""
+    """A key that is equal for experiments that one function serves; ``observables`` are framed."""
     known = parameters(robot, actuation, loads)
-    own = tuple(_structure(load, f"loads[{k}].", known) for k, load in enumerate(loads))
-    return own, tuple(attrs.evolve(one, place=0.0) if isinstance(one.place, float) else one for one in observables)
+    of_loads = tuple(_structure(load, f"loads[{k}].", known) for k, load in enumerate(loads))
+    return of_loads, tuple(attrs.evolve(one, place=0.0) if isinstance(one.place, float) else one for one in observables)
 
 
 def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable:
@@ -52,15 +52,15 @@ def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable
 
 
 def _numbers(observables: Sequence[Observable]) -> Array:
-    """The places that are numbers; zero where they are estimated."""
+    """Arc lengths of the observables with a place, m; zero if the place is estimated."""
     return np.array([one.place if isinstance(one.place, float) else 0.0 for one in observables if one.placed])
 
 
 class SymbolicModel:
-    """Residual and observables of experiments with the structure of a configuration.
+    """Residual and observables of all experiments that share the structure of a configuration.
 
-    ``observables`` are framed; ``acting`` are the names of the robot's and loads' parameters, ``"rotations"`` and
-    ``"translations"``, by which derivatives are wanted.
+    ``observables`` are framed. Derivatives are by the ``acting`` parameters: names of parameters of robot and loads,
+    ``"rotations"`` and ``"translations"``.
     """
 
     def __init__(
@@ -74,10 +74,10 @@ class SymbolicModel:
         data = ["rotations", "translations", *of_loads]
         places = _numbers(self.observables)
         probes = [Parameter(_PROBES, places)] if len(places) else []
-        own = [known[name] for name in self.acting if name not in data]
+        of_robot = [known[name] for name in self.acting if name not in data]
         at = list(zip(places.tolist(), [one.on for one in self.observables if one.placed], strict=True))
         self.problem = ParametricProblem(
-            configuration, [*own, *(known[name] for name in data), *probes], _INTEGRATOR, at, clip=True
+            configuration, [*of_robot, *(known[name] for name in data), *probes], _INTEGRATOR, at, clip=True
         )
         order = self.problem.sorted()
         cuts = [np.linspace(0.0, 1.0, steps + 1)] * order.sections
@@ -89,20 +89,20 @@ class SymbolicModel:
 
     @cached_property
     def active(self) -> list[int]:
-        """The numbers by which there are derivatives, behind those by the unknowns."""
+        """Indices of the numbers with derivatives, which follow those by the unknowns."""
         parts = self.problem.parts
         return [k for name in self.acting for k in range(parts[name].start, parts[name].stop)]
 
     @cached_property
     def somewhere(self) -> list[int]:
-        """The numbers that are places which are estimated."""
+        """Indices of the numbers that are estimated places."""
         placed = [one.place for one in self.observables if one.placed]
         start = self.problem.parts[_PROBES].start if placed else 0
         return [start + k for k, place in enumerate(placed) if isinstance(place, Somewhere)]
 
     @cached_property
     def function(self) -> ca.Function:
-        """``(z, theta) -> (residual, values, their derivatives)``, SI."""
+        """The CasADi function ``(z, theta) -> (residual and values, their derivatives)``, SI."""
         count, active = int(self.problem.theta.shape[0]), self.active
         z, theta = ca.MX.sym("z", self.unknowns), ca.MX.sym("theta", count)
         moved = ca.MX.sym("moved", self.unknowns + len(active))
@@ -120,13 +120,13 @@ class SymbolicModel:
     def numbers(
         self, values: dict[str, Array], actuation: Actuation, loads: Sequence[Load], observables: Sequence[Observable]
     ) -> Array:
-        """The numbers of an experiment as the function takes them."""
+        """The numbers ``theta`` of an experiment, in the function's order."""
         known = {name: one.value for name, one in parameters(self.configuration.robot, actuation, loads).items()}
         known |= values | {_PROBES: _numbers(observables)}
         return np.concatenate([np.ravel(known[name]) for name in self.problem.parts])
 
     def evaluate(self, z: Array, theta: Array) -> tuple[Array, list[Observed], Array]:
-        """Of experiments ``z (E, unknowns)``, ``theta (E, k)``: residuals, observables, and the residuals' slopes."""
+        """Residuals, observables and slopes of the residuals at ``z (E, unknowns)`` and ``theta (E, k)``."""
         count, n = len(z), self.unknowns
         if count not in self._mapped:
             self._mapped[count] = self.function.map(count)
