@@ -1,8 +1,8 @@
-"""Estimation: unknowns, experiments and a loss, evaluated with derivatives at any values and states.
+"""Calibration as an estimation: unknowns, experiments and a loss, with derivatives at any values and states.
 
-The state of an experiment is what is its own: base moments (SI) and, behind them, the places of points that are
-estimated. Two ways to the same answer stand on it: ``simultaneous.py``, where every experiment's state is unknown
-beside the parameters, and ``reduced.py``, where equilibria and places are solved for at each step.
+The state of an experiment holds its base moments (SI), followed by the estimated places of its points. Two methods use
+it. In ``simultaneous.py`` the states are unknowns beside the parameters. In ``reduced.py`` equilibria and places are
+solved for at each step. Both reach the same answer.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from ..robot.robot import Robot
 from .unknowns import Parameter, Unknowns
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is done, how far it is, and how much there is."""
+"""Function called with the name of the work, the amount done and the total amount."""
 
-_SETTLED = 1e-10  # of the robot's length: places that move less stand still
+_SETTLED = 1e-10  # of the robot's length: places that move less have converged
 _MOST_MOVES = 60
 
 
 @attrs.frozen(eq=False)
 class Layout:
-    """How an experiment enters: its group, what of its numbers and which unknowns act on it, blocks of its misfit."""
+    """An experiment in the estimation: its group, acting parameters and unknowns, observables and misfit blocks."""
 
     group: int
     names: tuple[str, ...]
@@ -56,11 +56,11 @@ class Layout:
 
 @attrs.frozen(eq=False)
 class Group:
-    """Experiments that one model serves; ``mixing (E, numbers, j)``: what moves it by the unknowns ``acting (E, j)``.
+    """Experiments that one model serves; ``mixing (E, numbers, j)`` maps the unknowns ``acting (E, j)`` to its numbers.
 
-    Behind the model's numbers are six of the pose of each of the ``sensors`` on tubes, which act on predictions alone.
-    ``ends (E, tubes)``: the tubes' at the initial values; ``ends_x (E, tubes, j)``: their slopes, which are constant.
-    In the virtual machine ``start (E, k)`` are all numbers at the initial values; ``symbolic.active`` of them move.
+    Six numbers of the pose of each of the ``sensors`` follow the model's numbers; they act on predictions only.
+    ``ends (E, tubes)`` are the tubes' ends at the initial values, ``ends_x (E, tubes, j)`` their constant slopes. In
+    the virtual machine ``start (E, k)`` holds all numbers at the initial values, of which ``symbolic.active`` move.
     """
 
     members: list[int]
@@ -77,7 +77,7 @@ class Group:
 
 
 class Estimation:
-    """An estimation problem, ready to be evaluated."""
+    """A calibration problem: checked input, models, and evaluation with derivatives."""
 
     def __init__(
         self,
@@ -97,13 +97,13 @@ class Estimation:
             experiment.check_places(self._ends[k], f"experiment {experiment.name or k}: ")
         scaled = {measurement.scaled for one in self.experiments for measurement in one.measurements}
         if scaled == {True, False}:
-            raise DefinitionError("sigma: give it for all measurements, or for none")
+            raise DefinitionError("sigma must be given for all measurements, or for none")
         self.scaled = scaled == {True}
         if not self.scaled and loss in ("huber", "cauchy"):
-            raise DefinitionError(f"loss = {loss!r} needs the sigma of every measurement, to tell what is an outlier")
+            raise DefinitionError(f"loss = {loss!r} requires the sigma of every measurement to detect outliers")
         known = [entry.name for entry in self.unknowns.entries if np.isfinite(entry.prior_sigma).any()]
         if not self.scaled and known:
-            raise DefinitionError(f"{known[0]}: a prior needs the sigma of every measurement, to be weighed with them")
+            raise DefinitionError(f"{known[0]}: a prior requires the sigma of every measurement to weigh them")
         self.layouts = self._layouts()
         groups = range(1 + max(layout.group for layout in self.layouts))
         self.members = [[k for k, layout in enumerate(self.layouts) if layout.group == group] for group in groups]
@@ -111,21 +111,21 @@ class Estimation:
 
     @cached_property
     def _ends(self) -> list[Ends]:
-        """Where the tubes end in each experiment, with the initial values."""
+        """Tube ends in each experiment at the initial values."""
         initial = self.unknowns.initial
         robot, count = self.unknowns.robot_at(initial), len(self.experiments)
         return [Ends.of_robot(robot, self.unknowns.experiment_at(initial, k)[0].translations) for k in range(count)]
 
     def of(self, experiments: Sequence[Experiment]) -> Estimation:
-        """The same parameters from other experiments."""
-        return Estimation(self.robot, experiments, self.unknowns.given, self.loss, self.tolerance, self.compiled)
+        """The estimation of the same parameters from other experiments."""
+        return Estimation(self.robot, experiments, self.unknowns.wanted, self.loss, self.tolerance, self.compiled)
 
     def by_squares(self) -> Estimation:
-        """The same, models and all, with the squares of the same residuals as loss."""
-        other = copy(self)
-        squares = [attrs.evolve(layout.blocks, loss="squared") for layout in self.layouts]
-        other.layouts = [attrs.evolve(old, blocks=new) for old, new in zip(self.layouts, squares, strict=True)]
-        return other
+        """A copy with the same models and residuals, but the squared loss."""
+        squared = copy(self)
+        blocks = [attrs.evolve(layout.blocks, loss="squared") for layout in self.layouts]
+        squared.layouts = [attrs.evolve(old, blocks=new) for old, new in zip(self.layouts, blocks, strict=True)]
+        return squared
 
     @property
     def prepared(self) -> bool:
@@ -153,7 +153,7 @@ class Estimation:
     def equilibria(
         self, x: Array, before: Sequence[Equilibrium | None] | None = None, progress: Progress | None = None
     ) -> list[Equilibrium]:
-        """The experiments' equilibria at some values, each from the one ``before`` or from nothing."""
+        """The experiments' equilibria at values ``x``, each started from the one ``before`` if there is one."""
         problem = ForwardProblem(self.unknowns.robot_at(x), tolerance=self.tolerance, compiled=self._forward)
         equilibria: list[Equilibrium] = []
         for k, experiment in enumerate(self.experiments):
@@ -167,29 +167,29 @@ class Estimation:
         return equilibria
 
     def equilibria_of(self, x: Array, whose: str, progress: Progress | None = None) -> list[Equilibrium]:
-        """The same, each from nothing; where there is none, ``EstimationError`` says ``whose`` values these are."""
+        """The equilibria without a start; an ``EstimationError`` names ``whose`` values have no equilibrium."""
         try:
             return self.equilibria(x, progress=progress)
         except SolveError as error:
             raise EstimationError(f"{whose} have no equilibrium in {error}") from error
 
     def states(self, x: Array, equilibria: Sequence[Equilibrium]) -> list[Array]:
-        """States of equilibria at some values, points where they fit best."""
+        """States of equilibria at values ``x``, with the places optimized."""
         self.prepare(equilibria)
         return self.settled(x, self.first_states(equilibria))
 
     def first_states(self, equilibria: Sequence[Equilibrium]) -> list[Array]:
-        """States of equilibria, points roughly where they fit best."""
+        """States of equilibria, with the best places of a grid."""
         return [
             np.concatenate((shape.unknowns, nearest(experiment, shape, self.loss)))
             for experiment, shape in zip(self.experiments, equilibria, strict=True)
         ]
 
     def settled(self, x: Array, states: Sequence[Array], *, solved: bool = True) -> list[Array]:
-        """States near some others where the points fit best; ``solved``: and the model is in equilibrium.
+        """States with the places optimized, from nearby states; ``solved`` also brings the model to equilibrium.
 
-        Newton's steps of the base moments and those of Gauss and Newton of the places, shortened where these go to and
-        fro, as where a point is far from the backbone on the outer side of a bend.
+        Base moments take Newton steps, and places Gauss-Newton steps. These are shortened if they oscillate, for
+        example if a point is far from the backbone on the outer side of a bend.
         """
         states = [state.copy() for state in states]
         if not any(layout.blocks.places for layout in self.layouts):
@@ -216,11 +216,11 @@ class Estimation:
 
     @property
     def _forward(self) -> bool | None:
-        """Whether forward solves are compiled: as soon as the model is."""
+        """Whether forward solves are compiled: always, if a model is."""
         return True if any(group.compiled is not None for group in self.models) else self.compiled
 
     def prepare(self, equilibria: Sequence[Equilibrium]) -> None:
-        """Build the groups' models, with as many steps in each section as any of the equilibria needed."""
+        """Build the groups' models, with the largest number of steps that an equilibrium needed."""
         if self.models:
             return
         for members in self.members:
@@ -228,8 +228,8 @@ class Estimation:
             configuration = Configuration(self.robot, equilibria[members[0]].actuation, experiment.loads)
             sizes, sensors = self.unknowns.sizes(layout.names, members[0]), names_of(layout.observables)
             acting, mounted = np.array([self.layouts[k].acting for k in members]), self.unknowns.of_sensors(sensors)
-            every = (np.vstack((_rows(self.unknowns.acting(k), sizes, self.unknowns.size), mounted)) for k in members)
-            mixing = np.array([rows[:, columns] for rows, columns in zip(every, acting, strict=True)])
+            whole = (np.vstack((_rows(self.unknowns.acting(k), sizes, self.unknowns.size), mounted)) for k in members)
+            mixing = np.array([rows[:, columns] for rows, columns in zip(whole, acting, strict=True)])
             parts: dict[str, Any] = {"members": members, "acting": acting, "mixing": mixing, "sensors": sensors}
             parts["unit"] = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
             parts["ends"] = np.array([self._ends[k].points for k in members])
@@ -251,28 +251,28 @@ class Estimation:
 
     @property
     def units(self) -> list[Array]:
-        """Sizes of each experiment's base moments."""
+        """Scales of each experiment's base moments."""
         units = {k: group.unit for group in self.models for k in group.members}
         return [units[k] for k in range(len(self.experiments))]
 
     # -- evaluation ------------------------------------------------------------------------------------------------
 
     def linearize(self, x: Array, states: Sequence[Array]) -> list[Linearized]:
-        """All experiments at some values and states."""
+        """Linearize all experiments at values ``x`` and their states."""
         experiments: dict[int, Linearized] = {}
         for group, linearized in zip(self.models, self.linearize_groups(x, states), strict=True):
             experiments |= {k: linearized.one(e) for e, k in enumerate(group.members)}
         return [experiments[k] for k in range(len(self.experiments))]
 
     def linearize_groups(self, x: Array, states: Sequence[Array]) -> list[Linearized]:
-        """The same, the experiments of each group together."""
+        """Linearize the experiments of each group together."""
         return [self._linearized(group, x, np.array([states[k] for k in group.members])) for group in self.models]
 
     def _linearized(self, group: Group, x: Array, states: Array) -> Linearized:
         z, places = np.split(states, [len(group.unit)], axis=1)
         length, length_x = self._length(group, x)
         s, shares = places * length[:, None], places
-        if group.symbolic is not None:  # what is beyond the tip it keeps at it, wherever that goes
+        if group.symbolic is not None:  # infinite places stay at the moving tip
             s, shares = np.where(places < 1.0, s, np.inf), np.where(places < 1.0, places, 0.0)
         residual, predictions, slopes = self._evaluate(group, x, z, s)
         if group.sensors:
@@ -286,11 +286,11 @@ class Estimation:
         """The robot's length in each experiment of a group, and its slopes by the unknowns that act on it."""
         moved = x[group.acting] - self.unknowns.initial[group.acting]
         ends = group.ends + np.einsum("etj,ej->et", group.ends_x, moved)
-        every, longest = np.arange(len(ends)), outermost_at_tip(chained(ends))  # as symbols are sorted
-        return ends[every, longest], group.ends_x[every, longest]
+        rows, longest = np.arange(len(ends)), outermost_at_tip(chained(ends))  # as symbols are sorted
+        return ends[rows, longest], group.ends_x[rows, longest]
 
     def _evaluate(self, group: Group, x: Array, z: Array, s: Array) -> tuple[Array, ObservedList, Array]:
-        """Residuals, predictions, and the residuals' slopes of a group; ``s``: arc lengths that are estimated."""
+        """Residuals, predictions and the residuals' slopes of a group; ``s`` are the estimated arc lengths."""
         if group.symbolic is not None and group.start is not None:
             theta = group.start.copy()
             moved = x[group.acting] - self.unknowns.initial[group.acting]
@@ -305,29 +305,29 @@ class Estimation:
         return group.compiled.evaluate(self.unknowns.robot_at(x), experiments, z, angles, s)
 
     def cost(self, linearized: Sequence[Linearized]) -> float:
-        """The loss of the misfits, without priors."""
+        """Loss of all misfits, without priors."""
         pairs = zip(self.layouts, linearized, strict=True)
         return float(sum(layout.blocks.weights(here.misfit)[0] for layout, here in pairs))
 
     def prior_cost(self, x: Array) -> float:
-        """Half the squared deviations from the priors."""
+        """Loss of the priors: half the squared deviations."""
         mean, sigma = self.unknowns.prior
         return 0.5 * float(np.sum(((x - mean) / sigma) ** 2))
 
 
 def _checked(robot: Robot, experiments: Any) -> list[Experiment]:
-    given = [experiments] if isinstance(experiments, Experiment) else list(experiments or ())
-    if not given:
+    checked = [experiments] if isinstance(experiments, Experiment) else list(experiments or ())
+    if not checked:
         raise DefinitionError("experiments = [] must hold at least one experiment")
-    for k, experiment in enumerate(given):
+    for k, experiment in enumerate(checked):
         if not isinstance(experiment, Experiment):
             raise DefinitionError(f"experiments[{k}] = {experiment!r} must be an Experiment")
         experiment.check_robot(len(robot.tubes), f"experiments[{k}]: ")
-    return given
+    return checked
 
 
 def _rows(acting: list[tuple[str, int, Array]], sizes: dict[str, int], unknowns: int) -> Array:
-    """``d numbers / dx`` of the numbers of these names, one behind the other."""
+    """Derivatives ``d numbers / dx`` of the named parameters' numbers, stacked in order."""
     starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
     rows = np.zeros((sum(sizes.values()), unknowns))
     for name, first, part in acting:
@@ -337,7 +337,7 @@ def _rows(acting: list[tuple[str, int, Array]], sizes: dict[str, int], unknowns:
 
 
 def _ends_x(mixing: Array, sizes: dict[str, int], tubes: int) -> Array:
-    """``d ends / dx`` of the tubes, from the numbers of these names: translations, and lengths of pieces."""
+    """Derivatives ``d ends / dx`` of the tubes' ends, by translations and by lengths of pieces."""
     ends, start = np.zeros((len(mixing), tubes, mixing.shape[2])), 0
     for name, size in sizes.items():
         match parsed(name):

@@ -1,4 +1,4 @@
-"""The result of a calibration, for people: the solution, fits made again from it, report and figures."""
+"""The result of a calibration: estimates, refits, report and figures."""
 
 from __future__ import annotations
 
@@ -11,48 +11,48 @@ from ..robot.actuation import Actuation
 from . import refits
 from .plot import figure_fit
 from .report import fit_report
-from .solution import Residual, Solution
+from .solution import CalibrationSolution, Residual
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Fit(Solution):
+class Fit(CalibrationSolution):
     """The result of a :class:`~ctr_opt.CalibrationProblem`.
 
     Attributes
     ----------
     names
-        The parameters' names.
+        Names of the parameters.
     labels
-        A name for each number: the rows and columns of :attr:`covariance`.
+        One label for each number: the rows and columns of :attr:`covariance`.
     method, iterations, objective
-        How it was found; the loss reached, priors included.
+        Method and iterations of the solve, and the final loss, priors included.
     found
-        Where the solve ended, undetermined numbers and base moments as they stood.
+        Final values of the solve, undetermined numbers and base moments included.
     """
 
     def actuation(self, rotations: Any, translations: Any) -> Actuation:
-        """The actuation of the calibrated robot at joints as they are read: with the estimated homes added.
+        """The actuation of the calibrated robot: joint readings plus the estimated homes.
 
-        A force estimate with ``fit=`` accepts no other if ``"tubes[i].rotation_offset"`` or
+        A force estimate with ``fit=`` requires this actuation if ``"tubes[i].rotation_offset"`` or
         ``"tubes[i].translation_offset"`` were estimated.
 
         Parameters
         ----------
         rotations, translations
-            One for each tube, rad and m, as in the experiments of the fit.
+            Joint readings ``(n,)``, rad and m, one for each tube, as in the experiments of the fit.
 
         Raises
         ------
         DefinitionError
-            With its home, a tube's base is in front of the entry point.
+            The home puts a tube's base in front of the entry point.
         EstimationError
             The data do not determine the homes.
 
         Examples
         --------
-        A rod whose rotation reads 0.1 rad too little:
+        A rod whose rotation reading is 0.1 rad too low:
 
         >>> import ctr_opt as ctr
         >>> rod = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
@@ -66,79 +66,91 @@ class Fit(Solution):
         return self.homes.actuation(rotations, translations)
 
     def profile(self, label: str, *, count: int = 9, width: float = 3.0) -> tuple[Array, Array]:
-        """Profile likelihood of one number: its values, and the loss with all others estimated anew, over the least.
+        """Profile likelihood of one number: the excess loss at fixed values, all other numbers refitted.
 
         Parameters
         ----------
         label
             One of :attr:`labels`.
         count, width
-            So many values, as far as ``width`` standard errors from the estimate, or to its bounds.
+            Number of values, and their range: ``width`` standard errors to both sides of the estimate, cut at bounds.
 
         Returns
         -------
         tuple
-            Values ``(count,)`` and excess loss ``(count,)``; for normal errors half the squared distance in standard
-            errors where the problem is linear.
+            Values ``(count,)`` and excess loss ``(count,)``. For a linear problem with normal errors the excess loss is
+            half the squared distance in standard errors.
 
         Raises
         ------
         EstimationError
-            The data do not determine the number, or with some value no answer was found.
+            The data do not determine the number, or a refit failed.
         """
         return refits.profile(self, label, count, width)
 
     def without(self, experiments: Sequence[int] | int) -> Fit:
-        """The fit to the other experiments, from here: leave one out, or a block, to hold it out.
+        """Refit without some experiments, starting from this fit.
+
+        Parameters
+        ----------
+        experiments
+            Number of the experiment to leave out, or a list of numbers.
 
         Raises
         ------
         EstimationError
-            It found no answer.
+            The refit failed.
         """
         return refits.without(self, experiments)
 
     def errors_without(self, experiments: Sequence[int] | int) -> list[Residual]:
-        """The residuals of experiments that a fit to the others predicts: a hold-out.
+        """Residuals of held-out experiments, predicted by a refit to all other experiments.
+
+        Parameters
+        ----------
+        experiments
+            Number of the experiment to hold out, or a list of numbers.
 
         Raises
         ------
         EstimationError
-            The fit found no answer, or the experiments have no equilibrium with its estimates.
+            The refit failed, or a held-out experiment has no equilibrium with its estimates.
         """
         return refits.errors_without(self, experiments)
 
     def tested(self, experiments: Sequence[Experiment]) -> Fit:
-        """The same estimates beside other experiments, as if they had been found from these: their residuals.
+        """Compare the estimates with other experiments, without estimation.
 
         Raises
         ------
+        DefinitionError
+            An actuation already has the homes that the fit adds.
         EstimationError
-            The experiments have no equilibrium with the estimates.
+            An experiment has no equilibrium with the estimates.
         """
         return refits.tested(self, experiments, "the estimates")
 
     def bootstrap(self, repetitions: int = 200, *, seed: int = 0) -> Array:
-        """Estimates from experiments drawn again with replacement, ``(repetitions, len(labels))``.
+        """Bootstrap estimates ``(repetitions, len(labels))`` from experiments resampled with replacement.
 
-        Repetitions that find no answer, or do not determine what all experiments do, are left out, so that there are
-        fewer rows, with an :class:`~ctr_opt.EstimationWarning`. Not a number where the data do not determine it.
+        A repetition is left out, with an :class:`~ctr_opt.EstimationWarning`, if its fit fails or leaves numbers open
+        that all experiments together determine. The result then has fewer rows. Undetermined numbers are not a number.
 
         Raises
         ------
         EstimationError
-            More than one repetition in twenty is of that kind: without them the others are no fair sample.
+            More than one repetition in twenty was left out, so that the rest is a biased sample.
         """
         return refits.bootstrap(self, repetitions, seed)
 
     # -- for people ------------------------------------------------------------------------------------------------
 
     def report(self) -> str:
-        """Estimates with their errors, correlations, residuals, and what the data do not tell, as text."""
+        """Text report: estimates with errors, correlations, residuals and undetermined directions."""
         return fit_report(self)
 
     def plot(self) -> Figure:
-        """Histogram of the tip's errors, residuals along the robot, correlations and confidence ellipses."""
+        """Figure of the tip errors, residuals along the robot, correlations and confidence ellipses."""
         return figure_fit(self)
 
     def __repr__(self) -> str:

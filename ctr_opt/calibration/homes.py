@@ -1,4 +1,4 @@
-"""Homes of the actuators: the offsets that a calibration adds to joints as they are read."""
+"""Homes of the actuators: the offsets that a calibration adds to joint readings."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ..checks import Array, array
 from ..errors import DefinitionError
 from ..robot.actuation import Actuation
 
-_ROUNDING = 1e-9  # m: an estimate at its bound, a base at the entry point, may overstep it by rounding
+_ROUNDING = 1e-9  # m: rounding may put an estimate at its bound, a base at the entry point, beyond it
 
 
 @attrs.frozen(eq=False)
 class Homes:
-    """Offsets of all joints, ``(2, n)``: of the rotations, rad, and of the translations, m; zero if not estimated."""
+    """Offsets of all joints ``(2, n)``: rotations, rad, and translations, m; zero if not estimated."""
 
     names: tuple[str, ...]
-    """The offsets that were estimated; empty: the actuation is taken as it is read."""
+    """Names of the estimated offsets. If empty, actuations are used as read."""
 
     offsets: Array
 
     def actuation(self, rotations: Any, translations: Any) -> Actuation:
-        """The actuation of the calibrated robot at joints as they are read."""
+        """The actuation of the calibrated robot at joint readings."""
         if not self.names:
             return Actuation(rotations, translations)
         shape = self.offsets[0].shape
@@ -35,7 +35,7 @@ class Homes:
             k = int(shifted.argmax())
             raise DefinitionError(
                 f"translations[{k}] = {read[1, k]:g} m with its home of {self.offsets[1, k]:g} m puts the base of tube "
-                f"{k} {shifted[k]:g} m in front of the entry point: the sum must be at most 0"
+                f"{k} {shifted[k]:g} m in front of the entry point; the sum must be at most 0"
             )
         return Actuation(turned, shifted, read=read)
 
@@ -45,17 +45,17 @@ class Homes:
         return added
 
     def within(self, actuation: Actuation) -> bool:
-        """Whether an actuation is joints as they are read, with these offsets added to them."""
+        """Whether an actuation consists of joint readings plus these offsets."""
         read = actuation.read
         if not self.names or read is None or read.shape != self.offsets.shape:
             return False
         return np.array_equal(self._added(read), (actuation.rotations, actuation.translations))
 
     def check(self, actuation: Actuation) -> None:
-        """Refuse joints as they are read, and those with other homes."""
+        """Raise ``DefinitionError`` for an actuation without these homes."""
         if self.names and not self.within(actuation):
-            others = f" and {len(self.names) - 1} others" if len(self.names) > 1 else ""
+            more = f" and {len(self.names) - 1} more" if len(self.names) > 1 else ""
             raise DefinitionError(
-                f"the actuation does not have the homes that the fit estimated ({self.names[0]}{others}): give "
-                "fit.actuation(rotations, translations), with the joints as read"
+                f"the actuation does not have the homes that the fit estimated ({self.names[0]}{more}): use "
+                "fit.actuation(rotations, translations) with the joint readings"
             )

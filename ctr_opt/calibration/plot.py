@@ -10,7 +10,7 @@ from ..estimation.chi_square import quantile
 from ..estimation.measurements.kind import POINTS
 from ..robot.names import symbol
 from .report import sizes_by_place
-from .solution import Solution
+from .solution import CalibrationSolution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ _INSIDE = 0.95  # probability of the confidence ellipses
 _MOST_LABELS = 24
 
 
-def figure_fit(fit: Solution) -> Figure:
+def figure_fit(fit: CalibrationSolution) -> Figure:
     """Four panels."""
     import matplotlib.pyplot as plt
 
@@ -32,7 +32,7 @@ def figure_fit(fit: Solution) -> Figure:
     return figure
 
 
-def plot_histogram(fit: Solution, ax: Axes | None = None, *, where: str | None = None) -> Axes:
+def plot_histogram(fit: CalibrationSolution, ax: Axes | None = None, *, where: str | None = None) -> Axes:
     """Histogram of the distances of measured points, as the paper's Fig. 12; by default those at the tip."""
     ax = _axes(ax)
     errors = sizes_by_place(fit, POINTS)
@@ -49,7 +49,7 @@ def plot_histogram(fit: Solution, ax: Axes | None = None, *, where: str | None =
     return ax
 
 
-def plot_residuals(fit: Solution, ax: Axes | None = None) -> Axes:
+def plot_residuals(fit: CalibrationSolution, ax: Axes | None = None) -> Axes:
     """Residuals of measured points against arc length, an axis each."""
     ax = _axes(ax)
     points = [one for one in fit.residuals if one.is_point]
@@ -63,7 +63,7 @@ def plot_residuals(fit: Solution, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_correlation(fit: Solution, ax: Axes | None = None) -> Axes:
+def plot_correlation(fit: CalibrationSolution, ax: Axes | None = None) -> Axes:
     """The correlation matrix."""
     ax = _axes(ax)
     labels = [symbol(label) for label in fit.labels]
@@ -75,7 +75,7 @@ def plot_correlation(fit: Solution, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_ellipse(fit: Solution, ax: Axes | None = None, *, pair: tuple[str, str] | None = None) -> Axes:
+def plot_ellipse(fit: CalibrationSolution, ax: Axes | None = None, *, pair: tuple[str, str] | None = None) -> Axes:
     """95 % confidence ellipse of two numbers; by default of the pair that is correlated most."""
     ax = _axes(ax)
     pair_of = _pair(fit) if pair is None else tuple(fit.labels.index(label) for label in pair)
@@ -98,7 +98,7 @@ def plot_ellipse(fit: Solution, ax: Axes | None = None, *, pair: tuple[str, str]
     return ax
 
 
-def _pair(fit: Solution) -> tuple[int, int] | None:
+def _pair(fit: CalibrationSolution) -> tuple[int, int] | None:
     size = np.abs(np.nan_to_num(np.tril(fit.correlation, -1)))
     if len(fit.labels) < 2 or size.max() == 0.0:
         return None

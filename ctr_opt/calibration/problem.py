@@ -1,4 +1,4 @@
-"""Calibration: a robot's parameters from its measured shapes (paper, section III)."""
+"""Calibration: estimate a robot's parameters from measured shapes (paper, section III)."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from .unknowns import Parameter
 
 
 class CalibrationProblem:
-    """Find the parameters of a robot that explain measured shapes best, and how well the data determine them.
+    """Estimate the robot parameters that best explain measured shapes, with their uncertainty.
 
     Parameters
     ----------
     robot
-        With nominal parameters, where the estimation starts.
+        The robot with nominal parameters; the estimation starts there.
     experiments
-        What was done and measured.
+        List of :class:`~ctr_opt.Experiment`: actuation, known loads and measurements.
     parameters
-        What to estimate: names, or :class:`~ctr_opt.Parameter` with prior, bounds, start or scale.
+        The parameters to estimate: names, or :class:`~ctr_opt.Parameter` with prior, bounds, start or scale.
         ``"base.translation"`` (m, world axes) and ``"base.rotation"`` (XYZ Euler angles, rad, applied on the right) are
         relative to ``robot.base_pose``.
     loss
-        ``"squared"``: weighted least squares, for normal errors; ``"distance"``: the sum of the points' distances, the
-        paper's objective (smoothed within a hundredth of a standard deviation); ``"huber"``, ``"cauchy"``: squared for
-        small misfits, less for outliers.
+        ``"squared"``: weighted least squares, for normal errors. ``"distance"``: the sum of the points' distances, the
+        paper's objective, smoothed within a hundredth of a standard deviation. ``"huber"``, ``"cauchy"``: robust
+        losses, squared for small misfits and lower for outliers.
     tolerance
-        Of the forward solves, as in :class:`~ctr_opt.ForwardProblem`.
+        Tolerance of the forward solves, as in :class:`~ctr_opt.ForwardProblem`.
     compiled
-        Default: compiled code for what it knows, where there is a compiler (waiting some seconds the first time on a
-        machine); ``False``: CasADi's virtual machine; ``True``: an error where there is no compiler.
+        None: compiled code if there is a compiler and the code supports the problem; compiling takes a few seconds once
+        per machine. ``False``: CasADi's virtual machine. ``True``: an error without a compiler.
 
     Raises
     ------
     DefinitionError
-        Names the parameter, experiment or measurement and what is allowed.
+        The message names the parameter, experiment or measurement and what is allowed.
 
     Examples
     --------
-    The curvature and the stiffness of a rod from its free and loaded tip:
+    Estimate the curvature and the stiffness of a rod from its free and its loaded tip:
 
     >>> import ctr_opt as ctr
     >>> rod = ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)
@@ -80,7 +80,7 @@ class CalibrationProblem:
 
     @property
     def experiments(self) -> list[Experiment]:
-        """The experiments."""
+        """The experiments, as given."""
         return self._estimation.experiments
 
     def solve(self, *, method: str = "simultaneous", progress: Progress | None = None) -> Fit:
@@ -89,25 +89,30 @@ class CalibrationProblem:
         Parameters
         ----------
         method
-            ``"simultaneous"``: base moments of all experiments and parameters together, by IPOPT; ``"reduced"``: the
-            equilibria are solved for at every step of SciPy's trust region. Both end at the same answer; where
-            the first does not converge, the second is tried.
+            ``"simultaneous"``: IPOPT solves for the parameters and the base moments of all experiments together.
+            ``"reduced"``: SciPy's trust region solves for the parameters and computes the equilibria at every step.
+            Both reach the same answer. If the first does not converge, the second is tried.
         progress
-            Called as ``progress(what, done, all)``.
+            Function called as ``progress(what, done, all)``.
+
+        Returns
+        -------
+        Fit
+            Estimates with standard errors, residuals and undetermined directions.
 
         Raises
         ------
         EstimationError
-            No answer was found: what was tried, how far it got and what to do.
+            The estimation failed. The message says what was tried, how far it came and what to do.
         """
         return solving.solve(self._estimation, method, progress)
 
     def nominal(self) -> Fit:
-        """The initial parameters beside the measurements, as if they had been found: their residuals.
+        """Compare the initial parameters with the measurements, without estimation.
 
         Raises
         ------
         EstimationError
-            They have no equilibrium in some experiment.
+            An experiment has no equilibrium with the initial parameters.
         """
         return solving.nominal(self._estimation)

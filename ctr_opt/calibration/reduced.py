@@ -1,8 +1,8 @@
-"""The reduced way: equilibria are solved for at each step, only the parameters are unknowns of SciPy's trust region.
+"""The reduced method: SciPy's trust region solves for the parameters, with equilibria computed at each step.
 
-Each block of the misfit is stretched so that half its square is its loss, exactly. Places of points that are estimated
-follow the parameters as the equilibria do: of the slopes there is left what they cannot explain (L. Kaufman, BIT 15,
-1975), which is exact for the gradient.
+Each block of the misfit is stretched so that half its square equals its loss exactly. Estimated places follow the
+parameters as the equilibria do: the slopes are projected off the places' columns (L. Kaufman, BIT 15, 1975), which is
+exact for the gradient.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from ..estimation.places import across
 from ..forward.equilibrium import Equilibrium
 from .estimation import Estimation, Progress
 
-_FAILED = 1e6  # stretched residual where some equilibrium is not found: the step is made shorter
+_FAILED = 1e6  # stretched residual without an equilibrium: the step is shortened
 
 
 @attrs.frozen(eq=False)
-class Found:
-    """Where a solve ended: values, states, how it ended."""
+class Outcome:
+    """The end of a solve: values, states, convergence and message."""
 
     x: Array
     states: list[Array]
@@ -35,7 +35,7 @@ class Found:
 
 
 def stretched(misfit: Array, slopes: Array, blocks: Blocks) -> tuple[Array, Array]:
-    """Residuals whose half square is the loss, and their slopes: block by block ``f r``, where ``f^2 = 2 rho / s``."""
+    """Residuals whose half square is the loss, and their slopes: ``f r`` for each block, with ``f^2 = 2 rho / s``."""
     rho, first, _ = blocks.losses(misfit)
     squared = np.add.reduceat(misfit**2, blocks.starts)
     some = np.where(squared < 1e-24, 1.0, squared)
@@ -47,7 +47,7 @@ def stretched(misfit: Array, slopes: Array, blocks: Blocks) -> tuple[Array, Arra
 
 
 class _Reduced:
-    """Residuals and Jacobian of the scaled parameters that are free; keeps equilibria and places to start from."""
+    """Residuals and Jacobian by the free scaled parameters; keeps equilibria and places as starts."""
 
     def __init__(
         self, estimation: Estimation, equilibria: list[Equilibrium], x: Array, free: Any, progress: Progress | None
@@ -62,17 +62,17 @@ class _Reduced:
         self._both: tuple[Array, Array] | None = None
 
     def all(self, scaled: Array) -> Array:
-        """All parameters, SI."""
+        """All parameters, SI, from the free scaled ones."""
         x = self._x.copy()
         x[self._free] = scaled * self.estimation.unknowns.scale[self._free]
         return x
 
     def residuals(self, scaled: Array) -> Array:
-        """The stretched residuals, priors behind."""
+        """Stretched residuals, followed by those of the priors."""
         return self._evaluate(scaled)[0]
 
     def jacobian(self, scaled: Array) -> Array:
-        """Their derivatives by the scaled parameters."""
+        """Derivatives of the residuals by the free scaled parameters."""
         return self._evaluate(scaled)[1]
 
     def _evaluate(self, scaled: Array) -> tuple[Array, Array]:
@@ -83,7 +83,7 @@ class _Reduced:
         try:
             self.equilibria = estimation.equilibria(x, self.equilibria)
         except (SolveError, DefinitionError):  # no equilibrium, or no such robot
-            count = sum(one.numbers for one in estimation.experiments) + len(x)
+            count = sum(experiment.numbers for experiment in estimation.experiments) + len(x)
             return np.full(count, _FAILED), np.zeros((count, len(scaled)))
         parts, slopes = [], []
         self.states = estimation.settled(x, _with_moments(self.states, self.equilibria))
@@ -97,8 +97,8 @@ class _Reduced:
         mean, sigma = unknowns.prior
         parts.append((x - mean) / sigma)
         slopes.append(np.diag(1.0 / sigma))
-        every = (np.vstack(slopes) * unknowns.scale)[:, self._free]
-        self._at, self._both = scaled.copy(), (np.concatenate(parts), every)
+        jacobian = (np.vstack(slopes) * unknowns.scale)[:, self._free]
+        self._at, self._both = scaled.copy(), (np.concatenate(parts), jacobian)
         if self.progress is not None:
             self.progress("steps", self.evaluations, 0)
         return self._both
@@ -117,8 +117,8 @@ def solve_reduced(
     *,
     start: Array | None = None,
     fixed: Sequence[int] = (),
-) -> Found:
-    """Least loss over the parameters by SciPy's ``least_squares``, from a start, with some of them held."""
+) -> Outcome:
+    """Minimize the loss over the parameters by SciPy's ``least_squares``, with the ``fixed`` ones held."""
     from scipy.optimize import least_squares
 
     unknowns = estimation.unknowns
@@ -126,16 +126,16 @@ def solve_reduced(
     free = np.array([k for k in range(len(x)) if k not in fixed], dtype=int)
     scale = unknowns.scale[free]
     problem = _Reduced(estimation, equilibria, x, free, progress)
-    bounds = tuple(one[free] / scale for one in unknowns.bounds)
+    bounds = tuple(bound[free] / scale for bound in unknowns.bounds)
     options: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12, "max_nfev": 200}
-    options["x_scale"] = "jac"  # bounds close by would make for many small steps
+    options["x_scale"] = "jac"  # other scales give many small steps near bounds
     result = least_squares(problem.residuals, x[free] / scale, problem.jacobian, bounds, **options)
     best, count = problem.all(result.x), int(result.njev or 0)
     try:
         final = estimation.equilibria(best, problem.equilibria)
     except SolveError as error:
-        return Found(best, problem.states, False, f"no equilibrium in {error}", count)
+        return Outcome(best, problem.states, False, f"no equilibrium in {error}", count)
     states = estimation.settled(best, _with_moments(problem.states, final))
     for state, here in zip(states, estimation.linearize(best, states), strict=True):
         state[: len(here.step)] += here.step
-    return Found(best, states, bool(result.status > 0), str(result.message), count)
+    return Outcome(best, states, bool(result.status > 0), str(result.message), count)

@@ -1,4 +1,4 @@
-"""Fits made again, from where a fit ended: to other experiments, or with a number held."""
+"""Refits from a finished fit: to other experiments, or with one number held."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from ..checks import Array
 from ..errors import DefinitionError, EstimationError, EstimationWarning
 from ..estimation.experiment import Experiment
 from .estimation import Estimation
-from .reduced import Found, solve_reduced
-from .solution import Residual, Solution
+from .reduced import Outcome, solve_reduced
+from .solution import CalibrationSolution, Residual
 
-Fit = TypeVar("Fit", bound=Solution)
+Fit = TypeVar("Fit", bound=CalibrationSolution)
 
 _FEW = 0.05  # the share of a bootstrap's repetitions that may be left out
 
 
-def profile(fit: Solution, label: str, count: int, width: float) -> tuple[Array, Array]:
-    """Values of a number, and the loss with all others estimated anew, over the least."""
+def profile(fit: CalibrationSolution, label: str, count: int, width: float) -> tuple[Array, Array]:
+    """Values of one number, and the excess loss with all other numbers refitted."""
     if label not in fit.labels:
         raise DefinitionError(f"label = {label!r} must be one of {', '.join(fit.labels)}")
     estimation, k = fit.estimation, fit.labels.index(label)
     error = float(fit.deviations[k])
     if not np.isfinite(error):
-        raise EstimationError(f"{label} is not determined, so that it has no profile")
+        raise EstimationError(f"{label} has no profile: the data do not determine it")
     lower, upper = (bound[k] for bound in estimation.unknowns.bounds)
     middle = fit.found.x[k]
     values = np.linspace(max(middle - width * error, lower), min(middle + width * error, upper), count)
@@ -43,7 +43,7 @@ def profile(fit: Solution, label: str, count: int, width: float) -> tuple[Array,
 
 
 def without(fit: Fit, experiments: Sequence[int] | int) -> Fit:
-    """The fit to the other experiments."""
+    """Refit to all experiments except the given ones."""
     _check_shared(fit)
     dropped = _numbered(fit, experiments)
     kept = [k for k in range(len(fit.estimation.experiments)) if k not in dropped]
@@ -52,31 +52,30 @@ def without(fit: Fit, experiments: Sequence[int] | int) -> Fit:
     return _refit(fit, kept, f"the fit without {_listed(dropped)}")
 
 
-def errors_without(fit: Solution, experiments: Sequence[int] | int) -> list[Residual]:
-    """The residuals of experiments that a fit to the others predicts."""
+def errors_without(fit: CalibrationSolution, experiments: Sequence[int] | int) -> list[Residual]:
+    """Residuals of held-out experiments, predicted by a refit to all others."""
     numbers = _numbered(fit, experiments)
-    other = without(fit, numbers)
     held = [fit.estimation.experiments[k] for k in numbers]
-    shown = tested(other, held, f"the estimates without {_listed(numbers)}")
-    return [attrs.evolve(one, experiment=numbers[one.experiment]) for one in shown.residuals]
+    predicted = tested(without(fit, numbers), held, f"the estimates without {_listed(numbers)}")
+    return [attrs.evolve(residual, experiment=numbers[residual.experiment]) for residual in predicted.residuals]
 
 
 def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
-    """The same estimates beside other experiments."""
+    """The estimates of a fit, compared with other experiments."""
     _check_shared(fit)
     homes = fit.estimation.unknowns.homes_at(fit.found.x)
     for k, experiment in enumerate(experiments):
         if homes.within(experiment.actuation):
             raise DefinitionError(
-                f"experiments[{k}]: its actuation already has the homes that the fit adds: give the joints as read"
+                f"experiments[{k}]: the actuation already has the homes that the fit adds: give the joint readings"
             )
-    others = fit.estimation.of(experiments)
-    states = others.states(fit.found.x, others.equilibria_of(fit.found.x, whose))
-    return type(fit)(others, attrs.evolve(fit.found, states=states), fit.method)
+    estimation = fit.estimation.of(experiments)
+    states = estimation.states(fit.found.x, estimation.equilibria_of(fit.found.x, whose))
+    return type(fit)(estimation, attrs.evolve(fit.found, states=states), fit.method)
 
 
-def bootstrap(fit: Solution, repetitions: int, seed: int) -> Array:
-    """Estimates from experiments drawn again with replacement, a row for each repetition that has an answer."""
+def bootstrap(fit: CalibrationSolution, repetitions: int, seed: int) -> Array:
+    """Estimates from resampled experiments, one row for each successful repetition."""
     _check_shared(fit)
     rng, count = np.random.default_rng(seed), len(fit.estimation.experiments)
     estimates, failures = [], []
@@ -86,61 +85,61 @@ def bootstrap(fit: Solution, repetitions: int, seed: int) -> Array:
         except EstimationError as error:
             failures.append(str(error))
     if failures:
-        message = f"bootstrap: {len(failures)} of {repetitions} repetitions have no answer; the first: {failures[0]}"
+        message = f"bootstrap: {len(failures)} of {repetitions} repetitions failed; the first: {failures[0]}"
         if len(failures) > _FEW * repetitions:
             raise EstimationError(
-                f"{message}. Without so many the others are no fair sample: add experiments or priors, or estimate "
+                f"{message}. The remaining ones would be a biased sample: add experiments or priors, or estimate "
                 "fewer parameters"
             )
         warnings.warn(f"{message}. They are left out", EstimationWarning, stacklevel=3)
     return np.array(estimates)
 
 
-def _redrawn(fit: Solution, chosen: Any, whose: str) -> Array:
-    """Estimates from a choice of experiments, which must determine what all of them do."""
+def _redrawn(fit: CalibrationSolution, chosen: Any, whose: str) -> Array:
+    """Estimates from resampled experiments; numbers that the full data determine must stay determined."""
     estimates = _refit(fit, chosen, whose).estimates
     open_before = np.isnan(fit.estimates)
-    lost = [label for label, those in zip(fit.labels, np.isnan(estimates) & ~open_before, strict=True) if those]
+    lost = [label for label, is_lost in zip(fit.labels, np.isnan(estimates) & ~open_before, strict=True) if is_lost]
     if lost:
         raise EstimationError(f"{whose} does not determine {', '.join(lost)}")
     return np.where(open_before, np.nan, estimates)
 
 
 def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
-    """A fit to a choice of experiments, from here."""
+    """Refit to chosen experiments, started from this fit."""
     try:
         drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen])
     except DefinitionError as error:  # as where a density is left without gravity
-        raise EstimationError(f"{whose} is none: {error}") from error
+        raise EstimationError(f"{whose} is not possible: {error}") from error
     return type(fit)(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.found.x), "reduced")
 
 
-def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any) -> Found:
-    """That of the reduced way, if it answer one."""
+def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any) -> Outcome:
+    """The outcome of the reduced method; ``EstimationError`` if it does not converge."""
     answer = solve_reduced(estimation, *arguments, **settings)
     if not answer.converged:
         raise EstimationError(
-            f"{whose} found no answer after {answer.iterations} iterations: {answer.message}. Try priors or bounds, "
+            f"{whose} did not converge after {answer.iterations} iterations: {answer.message}. Try priors or bounds, "
             "fewer parameters, or more experiments"
         )
     return answer
 
 
-def _check_shared(fit: Solution) -> None:
+def _check_shared(fit: CalibrationSolution) -> None:
     for entry in fit.estimation.unknowns.entries:
         if entry.experiment is not None:
-            message = f"{entry.name} belongs to one experiment, so that none can be left out or drawn again"
+            message = f"{entry.name} belongs to one experiment, so that experiments cannot be left out or resampled"
             raise EstimationError(message)
 
 
-def _numbered(fit: Solution, experiments: Sequence[int] | int) -> list[int]:
-    """The numbers of experiments that there are."""
+def _numbered(fit: CalibrationSolution, experiments: Sequence[int] | int) -> list[int]:
+    """Checked numbers of existing experiments."""
     count = len(fit.estimation.experiments)
-    given = [experiments] if np.ndim(experiments) == 0 else list(experiments)  # type: ignore[arg-type]
-    for k in given:
+    numbers = [experiments] if np.ndim(experiments) == 0 else list(experiments)  # type: ignore[arg-type]
+    for k in numbers:
         if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not 0 <= k < count:
             raise DefinitionError(f"experiments: {k!r} must be the number of an experiment from 0 to {count - 1}")
-    return [int(k) for k in given]  # type: ignore[arg-type]
+    return [int(k) for k in numbers]  # type: ignore[arg-type]
 
 
 def _listed(numbers: Sequence[int]) -> str:

@@ -1,4 +1,4 @@
-"""Reports of fits: text that reads like a page of a paper."""
+"""Text reports of fits."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from ..estimation.measurements.kind import Part
 from ..forward.report import row
 from ..layout.observables import Distal, Observable, Somewhere
 from ..robot.names import shown, symbol
-from .solution import REJECTED, Residual, Solution
+from .solution import REJECTED, CalibrationSolution, Residual
 
-_FEW = 6  # arc lengths that are told one by one
-_CORRELATED = 0.9  # pairs of parameters from here on are named
+_FEW = 6  # arc lengths that are listed one by one
+_CORRELATED = 0.9  # correlation from which a pair of parameters is listed
 
 
-def fit_report(fit: Solution) -> str:
-    """Everything about a fit."""
+def fit_report(fit: CalibrationSolution) -> str:
+    """The full report of a fit."""
     return "\n".join(
         [*_heading(fit), "", *parameter_table(fit), *_open(fit), *_correlated(fit), "", *residual_lines(fit)]
     )
 
 
-def _heading(fit: Solution) -> list[str]:
+def _heading(fit: CalibrationSolution) -> list[str]:
     estimation = fit.estimation
     numbers = sum(one.numbers for one in estimation.experiments)
     places = sum(layout.blocks.places for layout in estimation.layouts)
@@ -46,7 +46,7 @@ def _heading(fit: Solution) -> list[str]:
     return lines
 
 
-def _loss(fit: Solution) -> str:
+def _loss(fit: CalibrationSolution) -> str:
     name = fit.estimation.loss
     words = {
         "squared": "weighted least squares",
@@ -57,7 +57,7 @@ def _loss(fit: Solution) -> str:
     return f"{words[name]}; {fit.objective:.6g} at the solution"
 
 
-def _verdict(fit: Solution) -> str:
+def _verdict(fit: CalibrationSolution) -> str:
     if np.isnan(fit.p_value):
         return ""
     if fit.estimation.loss != "squared":
@@ -67,18 +67,18 @@ def _verdict(fit: Solution) -> str:
     return f" (p < {REJECTED:g}): rejected; errors are for {fit.noise:.2f} times the given noise level"
 
 
-def parameter_table(fit: Solution) -> list[str]:
-    """A line for each number: nominal, estimate, standard error."""
+def parameter_table(fit: CalibrationSolution) -> list[str]:
+    """Table lines for all numbers: start, estimate, standard error and unit."""
     unknowns = fit.estimation.unknowns
     lines = [f"  {'parameter':<36}{'start':>12}{'estimate':>14}{'+-':>12}   {'unit':<6}"]
-    every = zip(fit.labels, unknowns.units, unknowns.initial, fit.estimates, fit.deviations, strict=True)
-    for label, (factor, unit), start, value, error in every:
+    rows = zip(fit.labels, unknowns.units, unknowns.initial, fit.estimates, fit.deviations, strict=True)
+    for label, (factor, unit), start, value, error in rows:
         text = f"{factor * value:>14.6g}{factor * error:>12.2g}" if np.isfinite(error) else f"{'not determined':>26}"
         lines.append(f"  {label:<36}{factor * start:>12.6g}{text}   {unit:<6}")
     return lines
 
 
-def _open(fit: Solution) -> list[str]:
+def _open(fit: CalibrationSolution) -> list[str]:
     lines = []
     if fit.vague:
         lines += ["", f"  Known only vaguely, to no better than their size: {', '.join(map(symbol, fit.vague))}"]
@@ -92,7 +92,7 @@ def _open(fit: Solution) -> list[str]:
     return lines
 
 
-def _correlated(fit: Solution) -> list[str]:
+def _correlated(fit: CalibrationSolution) -> list[str]:
     pairs = [
         (fit.correlation[i, j], i, j)
         for i in range(len(fit.labels))
@@ -107,8 +107,8 @@ def _correlated(fit: Solution) -> list[str]:
     return lines
 
 
-def residual_lines(fit: Solution) -> list[str]:
-    """Sizes of the residuals by what was measured and where, and experiments that do not fit."""
+def residual_lines(fit: CalibrationSolution) -> list[str]:
+    """Report lines of residual sizes by quantity and place, and of outlying experiments."""
     lines = []
     for part in dict.fromkeys(part for one in fit.residuals for part in one.measured.parts):
         factor, unit = shown(part.unit)
@@ -124,35 +124,35 @@ def residual_lines(fit: Solution) -> list[str]:
     return lines
 
 
-def worst_point(fit: Solution, experiment: int) -> str:
-    """The largest distance of an experiment's points, and where; empty if it has none."""
-    points = [each for each in fit.residuals if each.experiment == experiment and each.is_point]
-    worst = max(points, key=lambda each: each.distance, default=None)
+def worst_point(fit: CalibrationSolution, experiment: int) -> str:
+    """Words for the largest distance of an experiment's points; empty without points."""
+    points = [residual for residual in fit.residuals if residual.experiment == experiment and residual.is_point]
+    worst = max(points, key=lambda residual: residual.distance, default=None)
     return f"{1e3 * worst.distance:.2f} mm at s = {1e3 * worst.arc_length:.1f} mm, " if worst else ""
 
 
-def sizes_by_place(fit: Solution, part: Part) -> dict[str, Array]:
-    """Sizes of a part of the residuals, SI, by where they were measured."""
+def sizes_by_place(fit: CalibrationSolution, part: Part) -> dict[str, Array]:
+    """Sizes of a part of the residuals, SI, by place."""
     return {
         name: np.array([np.linalg.norm(one.value[part.of_block]) for one in residuals])
         for name, residuals in by_place(fit, part).items()
     }
 
 
-def by_place(fit: Solution, part: Part) -> dict[str, list[Residual]]:
-    """The residuals with such a part by where they were measured: ends of tubes, the tip, sensors, arc lengths."""
-    those = [each for each in fit.residuals if part in each.measured.parts]
-    observables = [each.observable for each in those]
+def by_place(fit: CalibrationSolution, part: Part) -> dict[str, list[Residual]]:
+    """Residuals with this part, by place: ends of tubes, the tip, sensors, arc lengths."""
+    residuals = [residual for residual in fit.residuals if part in residual.measured.parts]
+    observables = [residual.observable for residual in residuals]
     few = len({one.place for one in observables if isinstance(one.place, float)}) <= _FEW
     groups: dict[str, list[Residual]] = {}
-    for each, one in zip(those, observables, strict=True):
-        name = ", ".join(filter(None, (part.title, _where(one, few))))
-        groups.setdefault(name if one.sensor is None else f"{name} ({one.sensor})", []).append(each)
+    for residual, seen in zip(residuals, observables, strict=True):
+        name = ", ".join(filter(None, (part.title, _where(seen, few))))
+        groups.setdefault(name if seen.sensor is None else f"{name} ({seen.sensor})", []).append(residual)
     return groups
 
 
 def _where(one: Observable, few: bool) -> str:
-    """Where something is observed, in words; ``few``: arc lengths are listed one by one."""
+    """Words for the place of an observable; ``few`` lists arc lengths one by one."""
     place = one.place
     if one.quantity.at != "place":
         return "" if one.tube is None else f"tube {one.tube}"

@@ -1,7 +1,7 @@
-"""The simultaneous way: every experiment's base moments are unknowns too, and its equilibrium is a constraint.
+"""The simultaneous method: base moments of all experiments are unknowns too, and equilibria are constraints.
 
-IPOPT minimizes the loss of the misfits and the priors, with the Hessian of Gauss and Newton. Places of points that are
-estimated follow the unknowns, wherever these go.
+IPOPT minimizes the loss of misfits and priors with the Gauss-Newton Hessian. Estimated places are optimized again at
+every evaluation.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from ..errors import DefinitionError, EstimationError
 from ..forward.equilibrium import Equilibrium
 from ..solvers.programs import Evaluated, solve_program
 from .estimation import Estimation, Progress
-from .reduced import Found
+from .reduced import Outcome
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
 Structure: TypeAlias = "tuple[csc_matrix, NDArray[np.intp]]"
-"""A sparse matrix of ones, and to which of its nonzeros each of some entries adds."""
+"""A sparse matrix of ones, and the nonzero to which each entry adds."""
 
-_ROUGH = 1.0  # where other losses begin
+_ROUGH = 1.0  # tolerance of the squared solve from which robust losses start
 _DAMPING = 1e-3
-"""Of the Hessian in the scaled parameters, and of nothing else: where the data say nothing, IPOPT stays where it is."""
+"""Damping of the Hessian in the scaled parameters: IPOPT then does not move along undetermined directions."""
 
 
 class _Program:
-    """The program in scaled unknowns: parameters first, then the experiments' base moments one behind the other."""
+    """The nonlinear program in scaled unknowns: parameters first, then the base moments of each experiment."""
 
     def __init__(self, estimation: Estimation, x: Array, states: Sequence[Array]) -> None:
         self.estimation = estimation
@@ -50,13 +50,13 @@ class _Program:
         ]
 
     def split(self, v: Array) -> tuple[Array, list[Array]]:
-        """Parameters, and states with places as they are."""
+        """Parameters, and states with unchanged places."""
         x = v[: self.parameters] * self.estimation.unknowns.scale
-        every = zip(self.states, self.parts, self.units, strict=True)
-        return x, [np.concatenate((v[part] * unit, state[len(unit) :])) for state, part, unit in every]
+        old = zip(self.states, self.parts, self.units, strict=True)
+        return x, [np.concatenate((v[part] * unit, state[len(unit) :])) for state, part, unit in old]
 
     def join(self, x: Array, states: Sequence[Array]) -> Array:
-        """The scaled unknowns."""
+        """The scaled unknowns from parameters and states."""
         scaled = [state[: len(unit)] / unit for state, unit in zip(states, self.units, strict=True)]
         return np.concatenate((x / self.estimation.unknowns.scale, *scaled))
 
@@ -84,18 +84,18 @@ class _Program:
 
     @property
     def jacobian_structure(self) -> csc_matrix:
-        """Each experiment's equations by the parameters acting on it and by its base moments."""
+        """Structure of the Jacobian: each experiment's equations by its acting parameters and base moments."""
         return self._jacobian[0]
 
     @property
     def hessian_structure(self) -> csc_matrix:
-        """The same for the Hessian: an arrow."""
+        """Structure of the Hessian, an arrow."""
         return self._hessian[0]
 
     # -- values ----------------------------------------------------------------------------------------------------
 
     def evaluate(self, v: Array) -> Evaluated | None:
-        """Objective, constraints and their derivatives."""
+        """Objective, constraints and their derivatives; None if they cannot be evaluated."""
         estimation, scale = self.estimation, self.estimation.unknowns.scale
         x, states = self.split(v)
         mean, sigma = estimation.unknowns.prior
@@ -133,7 +133,7 @@ class _Program:
 
 
 def _compressed(rows: list[Any], columns: list[Any], shape: tuple[int, int]) -> Structure:
-    """The structure, and to which of its nonzeros each of the entries adds."""
+    """The structure of entries at ``rows`` and ``columns``; entries at the same place are added."""
     from scipy.sparse import csc_matrix
 
     row, column = np.concatenate(rows).astype(np.intp), np.concatenate(columns).astype(np.intp)
@@ -148,8 +148,8 @@ def _summed(structure: Structure, values: Array) -> Array:
 
 def solve_simultaneous(
     estimation: Estimation, equilibria: Sequence[Equilibrium], progress: Progress | None = None
-) -> Found:
-    """Least loss over parameters and base moments by IPOPT."""
+) -> Outcome:
+    """Minimize the loss over parameters and base moments by IPOPT."""
     unknowns, states = estimation.unknowns, estimation.first_states(equilibria)
     program = _Program(estimation, unknowns.initial, states)
     lower, upper = np.full(program.size, -np.inf), np.full(program.size, np.inf)
@@ -158,7 +158,7 @@ def solve_simultaneous(
     watch = None if progress is None else (lambda step: progress("steps", step, 0))
     start = program.join(unknowns.initial, states)
     iterations = 0
-    if estimation.loss != "squared":  # far from the answer squares are kinder than losses that outliers move little
+    if estimation.loss != "squared":  # far from the answer the squared loss converges better than robust ones
         rough = _Program(estimation.by_squares(), unknowns.initial, states)
         nearer = solve_program(rough, start, (lower, upper), tolerance=_ROUGH, progress=watch)
         iterations = nearer.iterations
@@ -169,4 +169,4 @@ def solve_simultaneous(
     x = np.clip(x, *unknowns.bounds)  # IPOPT goes beyond by 1e-8
     if point.converged:
         reached = estimation.settled(x, reached)
-    return Found(x, reached, point.converged, point.message, iterations + point.iterations)
+    return Outcome(x, reached, point.converged, point.message, iterations + point.iterations)

@@ -1,4 +1,4 @@
-"""Where an estimation ended: values with standard errors, residuals, and what the data do not determine."""
+"""CalibrationSolution of a calibration: values with standard errors, residuals and undetermined directions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..robot.names import symbol
 from ..robot.robot import Robot
 from .estimation import Estimation
 from .homes import Homes
-from .reduced import Found
+from .reduced import Outcome
 from .uncertainty import (
     VAGUE,
     Determined,
@@ -37,56 +37,56 @@ from .uncertainty import (
     taking_part,
 )
 
-REJECTED = 1e-3  # probability of the residuals' chi-square below which the given noise level is not believed
+REJECTED = 1e-3  # p-value of the residuals' chi-square below which the given noise level is rejected
 _EXACT = 1e-5  # of the noise level (of 1 mm, 1 mrad, ... where none was given): computed data leave such residuals
 _OUTLIER = 0.01  # probability, over all experiments, that good data have one flagged
 
 
 @attrs.frozen(eq=False)
 class Residual:
-    """The misfit of one block (a point, a pose): whose it is, where, and predicted minus measured, SI."""
+    """The misfit of one measured block (a point, a pose): predicted minus measured value, SI, and its place."""
 
     experiment: int
     measurement: int
     block: int
-    """Which of the measurement's: of several points, its number."""
+    """Index of the block in its measurement, such as the number of a point."""
 
     arc_length: float
-    """Where it was measured, m, as the fit has it; of points at unknown arc lengths its estimate."""
+    """Arc length of the measurement at the estimates, m; the estimate if it was unknown."""
 
     value: Array
     measured: Measurement = attrs.field(repr=False)
 
     @property
     def observable(self) -> Observable:
-        """What is observed, and where."""
+        """The observable that was measured, with its place."""
         return self.measured.observables[self.block]
 
     @property
     def is_point(self) -> bool:
-        """Whether it is that of a measured point."""
+        """Whether the residual belongs to a measured point."""
         return POINTS in self.measured.parts
 
     @property
     def size(self) -> float:
-        """Norm; of a position its distance, m."""
+        """Norm of the residual, SI; for a position the distance, m."""
         return float(np.linalg.norm(self.value))
 
     @property
     def distance(self) -> float:
-        """Of a position or pose how far the points are apart, m."""
+        """Distance between predicted and measured point of a position or pose, m."""
         return float(np.linalg.norm(self.value[:3]))
 
     @property
     def angle(self) -> float:
-        """Of a tangent or pose how far the axes or frames are turned, rad."""
+        """Angle between predicted and measured axis or frame of a tangent or pose, rad."""
         return float(np.linalg.norm(self.value[-3:]))
 
 
-class Solution:
-    """Where an estimation ended: its numbers with their errors, the residuals, and what the data do not determine."""
+class CalibrationSolution:
+    """CalibrationSolution of a calibration: numbers with errors, residuals and undetermined directions."""
 
-    def __init__(self, estimation: Estimation, found: Found, method: str) -> None:
+    def __init__(self, estimation: Estimation, found: Outcome, method: str) -> None:
         self.estimation = estimation
         self.found = found
         self.method = method
@@ -99,74 +99,74 @@ class Solution:
 
     @cached_property
     def values(self) -> dict[str, Any]:
-        """The estimates by name, floats or arrays; not a number where the data do not determine them."""
+        """Estimates by name, SI, floats or arrays; not a number if undetermined."""
         return self.estimation.unknowns.values(self.estimates)
 
     @cached_property
     def estimates(self) -> Array:
-        """The estimates in the order of :attr:`labels`; not a number where the data do not determine them."""
+        """Estimates in the order of :attr:`labels`, SI; not a number if undetermined."""
         return np.where(self._open, np.nan, self.found.x)
 
     @cached_property
     def deviations(self) -> Array:
-        """Their standard deviations; infinite where the data do not determine them."""
+        """Standard errors in the order of :attr:`labels`, SI; infinite if undetermined."""
         return np.sqrt(np.diag(self.covariance))
 
     @cached_property
     def standard_errors(self) -> dict[str, Any]:
-        """Standard deviations of the estimates by name; infinite where the data do not determine them."""
+        """Standard errors of the estimates by name, SI, floats or arrays; infinite if undetermined."""
         return self.estimation.unknowns.values(self.deviations)
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of the numbers of :attr:`labels`, SI; infinite variances where they are not determined.
+        """Covariance of the numbers of :attr:`labels`, SI; infinite variances if undetermined.
 
-        From the noise level that was given, unless the residuals reject it (see :attr:`p_value`), then from the level
-        that they show; of robust losses the sandwich ``H^-1 S H^-1`` of Hessian and scatter of gradients.
+        It uses the given noise level, or the level of the residuals if they reject the given one (see
+        :attr:`p_value`). For robust losses it is the sandwich ``H^-1 S H^-1`` of Hessian and scatter of gradients.
         """
         return self._of_noise(self._level)
 
     @cached_property
     def covariance_assumed(self) -> Array:
-        """Covariance for the noise level that was given."""
+        """Covariance of the numbers of :attr:`labels`, SI, at the given noise level."""
         return self._of_noise(1.0)
 
     @cached_property
     def covariance_estimated(self) -> Array:
-        """Covariance for the noise level that the residuals show."""
+        """Covariance of the numbers of :attr:`labels`, SI, at the noise level of the residuals."""
         return self._of_noise(self.noise)
 
     @cached_property
     def correlation(self) -> Array:
-        """Correlations of the numbers of :attr:`labels`; not a number where they are not determined."""
+        """Correlations of the numbers of :attr:`labels`; not a number if undetermined."""
         known = np.isfinite(self.deviations) & (self.deviations > 0.0)
         deviations = np.where(known, self.deviations, np.nan)
         return np.asarray(self.covariance / np.outer(deviations, deviations))
 
     @cached_property
     def undetermined(self) -> list[Direction]:
-        """Directions that the data do not determine, in words; empty if they determine everything."""
+        """Directions that the data do not determine, with descriptions; empty if all is determined."""
         unknowns = self.estimation.unknowns
         return directions(self._determined, self.labels, self.found.x, unknowns.scale)
 
     @property
     def vague(self) -> list[str]:
-        """Labels of numbers that are determined, but to no better than their own size."""
+        """Labels of numbers whose standard error exceeds their scale, but which are determined."""
         relative = self.deviations / self.estimation.unknowns.scale
         return [label for label, one in zip(self.labels, relative, strict=True) if VAGUE < one < np.inf]
 
     @cached_property
     def ratios(self) -> dict[str, tuple[float, float]]:
-        """Where parameters may be scaled together only: their ratios to the first of them, with standard errors."""
+        """Ratios of parameters that only have a common undetermined factor, with standard errors."""
         ratios: dict[str, tuple[float, float]] = {}
         x = self.found.x
         for direction in self.undetermined:
             names = list(direction.parts)
-            those = [self.labels.index(name) for name in names]
-            if len(those) < 2 or not is_factor(names, np.array(list(direction.parts.values())) / x[those]):
+            numbers = [self.labels.index(name) for name in names]
+            if len(numbers) < 2 or not is_factor(names, np.array(list(direction.parts.values())) / x[numbers]):
                 continue
-            first = those[0]
-            for k in those[1:]:
+            first = numbers[0]
+            for k in numbers[1:]:
                 contrast = np.zeros(len(x))
                 contrast[k], contrast[first] = 1.0 / x[k], -1.0 / x[first]
                 ratio = float(x[k] / x[first])
@@ -176,7 +176,7 @@ class Solution:
 
     @property
     def condition(self) -> float:
-        """Condition of the information matrix, in the parameters' scales."""
+        """Condition number of the information matrix, in the parameters' scales."""
         return self._determined.condition
 
     @cached_property
@@ -186,8 +186,8 @@ class Solution:
         Raises
         ------
         EstimationError
-            The data do not determine them; what they leave open of single experiments, offsets and sensors is
-            no obstacle.
+            The data do not determine the robot's parameters. Undetermined numbers of experiments, offsets and sensors
+            are allowed.
         """
         unknowns = self.estimation.unknowns
         self._check_determined("robot", [label for e in unknowns.entries if e.of_robot for label in e.labels])
@@ -200,7 +200,7 @@ class Solution:
         Raises
         ------
         EstimationError
-            The data do not determine them.
+            The data do not determine the offsets.
         """
         homes = self.estimation.unknowns.homes_at(self.found.x)
         self._check_determined("homes of the joints", homes.names)
@@ -211,7 +211,7 @@ class Solution:
         if open_ones:
             raise EstimationError(
                 f"the data do not determine the {what}: {'; '.join(open_ones)}. Add measurements "
-                "under load, priors, or estimate fewer parameters"
+                "under load or priors, or estimate fewer parameters"
             )
 
     @cached_property
@@ -223,7 +223,7 @@ class Solution:
 
     @cached_property
     def residuals(self) -> list[Residual]:
-        """Every block's misfit, predicted minus measured, by experiment."""
+        """Residuals of all measured blocks, predicted minus measured, in the order of the experiments."""
         unknowns, x = self.estimation.unknowns, self.found.x
         robot = unknowns.robot_at(x)
         residuals = []
@@ -240,18 +240,18 @@ class Solution:
 
     @cached_property
     def chi_squared(self) -> float:
-        """Sum of the squared residuals over the given noise's variances, and of the deviations from priors over theirs.
+        """Sum of squared residuals and squared deviations from priors, each over its variance.
 
-        Where no noise level was given, in mm, mrad and so on.
+        Without a given noise level, residuals are in mm, mrad and so on.
         """
         priors = 2.0 * self.estimation.prior_cost(self.found.x)
         return float(sum(one.misfit @ one.misfit for one in self._linearized)) + priors
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Numbers measured, and known by priors, less parameters determined by them and arc lengths of points.
+        """Number of measured values and priors, minus the number of determined parameters and arc lengths.
 
-        An arc length that the entry point, the tip or another point's bounds is none that was estimated.
+        An arc length at the entry point, at the tip or pooled with another point does not count as estimated.
         """
         numbers = int(self._numbers.sum())
         numbers += int(np.isfinite(self.estimation.unknowns.prior[1]).sum())
@@ -259,38 +259,38 @@ class Solution:
 
     @cached_property
     def _numbers(self) -> NDArray[np.intp]:
-        """Numbers that each experiment has for the parameters: those measured less arc lengths that they tell."""
+        """Measured numbers of each experiment minus its estimated arc lengths."""
         layouts = self.estimation.layouts
         return np.array(
             [
-                len(one.misfit) - free(one.places, layout.blocks.orders).any(axis=0).sum()
-                for layout, one in zip(layouts, self._linearized, strict=True)
+                len(here.misfit) - free(here.places, layout.blocks.orders).any(axis=0).sum()
+                for layout, here in zip(layouts, self._linearized, strict=True)
             ]
         )
 
     @property
     def noise(self) -> float:
-        """Noise level that the residuals show, over that given; NaN where nothing is left over."""
+        """Noise level of the residuals over the given level; not a number without degrees of freedom."""
         freedom = self.degrees_of_freedom
         return float(np.sqrt(self.chi_squared / freedom)) if freedom else np.nan
 
     @property
     def p_value(self) -> float:
-        """Probability of residuals so large under the given noise level; NaN if none was given."""
+        """Probability of residuals at least this large at the given noise level; not a number if none was given."""
         return p_value(self.chi_squared, self.degrees_of_freedom) if self.estimation.scaled else np.nan
 
     @property
     def noise_accepted(self) -> bool:
-        """Whether a noise level was given that the residuals do not reject (at 1e-3)."""
+        """Whether a noise level was given and the residuals do not reject it (at 1e-3)."""
         return self.estimation.scaled and not self.p_value < REJECTED
 
-    # -- what depends on what ------------------------------------------------------------------------------------------
+    # -- single experiments --------------------------------------------------------------------------------------------
 
     @cached_property
     def influence(self) -> Array:
-        """How far each experiment pulls the estimates, ``(experiments,)``: Cook's distance, from one Newton step.
+        """Influence of each experiment on the estimates, ``(experiments,)``: Cook's distance from one Newton step.
 
-        The squared change of the estimates without it, in their standard errors, over their number.
+        This is the squared change of the estimates without the experiment, in standard errors, over their number.
         """
         known = self._determined.known
         full = known.T @ (self._information.curvature + self._information.prior) @ known
@@ -303,10 +303,10 @@ class Solution:
 
     @cached_property
     def outliers(self) -> list[int]:
-        """Experiments whose residuals are too large for the others, by their numbers.
+        """Numbers of the experiments whose residuals are much larger than those of the others.
 
-        The sum of squares of an experiment against chi-square, with a noise level from the median experiment, but none
-        below what the solves' accuracy leaves; flagged so seldom that good data have one in a hundred fits.
+        An experiment's sum of squares is tested against chi-square. The noise level is that of the median experiment,
+        and at least the accuracy of the solves. With good data one fit in a hundred flags an experiment.
         """
         squares = np.array([one.misfit @ one.misfit for one in self._linearized])
         sizes = np.maximum(self._numbers, 1)
@@ -324,7 +324,7 @@ class Solution:
 
     @property
     def _inaccuracies(self) -> Array:
-        """Of each experiment's whitened misfits, from base moments that are as good as the tolerance."""
+        """Errors of each experiment's whitened misfits due to the tolerance of its base moments."""
         pairs = zip(self._linearized, self.estimation.units, strict=True)
         inaccuracies = [self.estimation.tolerance * np.linalg.norm(here.misfit_z * unit) for here, unit in pairs]
         return np.hypot(inaccuracies, _EXACT)
@@ -345,11 +345,11 @@ class Solution:
         return taking_part(self._determined)
 
     def _of_noise(self, noise: float | None) -> Array:
-        """Covariance for a noise level, or the sandwich; infinite where undetermined."""
-        scale, those = self.estimation.unknowns.scale, np.flatnonzero(self._open)
+        """Covariance for a noise level, or the sandwich for None; infinite where undetermined."""
+        scale, undetermined = self.estimation.unknowns.scale, np.flatnonzero(self._open)
         values = self._scaled(noise) * np.outer(scale, scale)
-        values[those, :] = values[:, those] = np.nan
-        values[those, those] = np.inf
+        values[undetermined, :] = values[:, undetermined] = np.nan
+        values[undetermined, undetermined] = np.inf
         return values
 
     def _scaled(self, noise: float | None) -> Array:
@@ -360,13 +360,13 @@ class Solution:
 
     @property
     def _level(self) -> float | None:
-        """The noise level that counts; None: of robust losses the scatter of gradients does."""
+        """The noise level for the covariance; None for robust losses, which use the scatter of gradients."""
         if self.estimation.loss != "squared":
             return None
         return 1.0 if self.noise_accepted else self.noise
 
     @property
     def _known_covariance(self) -> Array:
-        """Covariance of what is known of the parameters, SI."""
+        """Covariance of the parameters within the determined subspace, SI."""
         scale = self.estimation.unknowns.scale
         return self._scaled(self._level) * np.outer(scale, scale)

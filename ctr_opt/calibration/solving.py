@@ -1,4 +1,4 @@
-"""Calibrations solved, by one way and the other."""
+"""Solution of calibrations by either method."""
 
 from __future__ import annotations
 
@@ -13,28 +13,30 @@ from ..forward.equilibrium import Equilibrium
 from ..robot.names import parsed
 from .estimation import Estimation, Progress
 from .fit import Fit
-from .reduced import Found, solve_reduced
+from .reduced import Outcome, solve_reduced
 from .simultaneous import solve_simultaneous
 
-METHODS: dict[str, Callable[..., Found]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
+METHODS: dict[str, Callable[..., Outcome]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
 
 
 def check_sensors(estimation: Estimation) -> None:
-    """Refuse poses of sensors that nothing was measured with."""
-    there = names_of([one for experiment in estimation.experiments for one in experiment.observables])
+    """Raise ``DefinitionError`` for the pose of a sensor without measurements."""
+    measured = names_of([one for experiment in estimation.experiments for one in experiment.observables])
     for entry in estimation.unknowns.entries:
         match parsed(entry.acts_on[0]):
-            case ("sensors", name, _) if name not in there:
-                known = ", ".join(map(repr, there)) or "none"
-                raise DefinitionError(f"{entry.name!r}: no measurement is of a sensor {name!r}; there are: {known}")
+            case ("sensors", name, _) if name not in measured:
+                known = ", ".join(map(repr, measured)) or "none"
+                raise DefinitionError(
+                    f"{entry.name!r}: no measurement has a sensor {name!r}; measured sensors: {known}"
+                )
 
 
 def solve(estimation: Estimation, method: str, progress: Progress | None) -> Fit:
-    """As :meth:`CalibrationProblem.solve <ctr_opt.CalibrationProblem.solve>`."""
+    """Implement :meth:`CalibrationProblem.solve <ctr_opt.CalibrationProblem.solve>`."""
     way = METHODS[choice(method, "method", tuple(METHODS))]
     equilibria = _prepared(estimation, progress)
     answer = way(estimation, equilibria, progress)
-    if not answer.converged and way is solve_simultaneous:  # as where the data say nothing of some direction
+    if not answer.converged and way is solve_simultaneous:  # for example if a direction is undetermined
         second = solve_reduced(estimation, equilibria, progress)
         if second.converged:
             answer, method = second, "simultaneous (not converged), then reduced"
@@ -44,30 +46,30 @@ def solve(estimation: Estimation, method: str, progress: Progress | None) -> Fit
 
 
 def nominal(estimation: Estimation) -> Fit:
-    """As :meth:`CalibrationProblem.nominal <ctr_opt.CalibrationProblem.nominal>`."""
+    """Implement :meth:`CalibrationProblem.nominal <ctr_opt.CalibrationProblem.nominal>`."""
     equilibria, initial = _prepared(estimation), estimation.unknowns.initial
-    return Fit(estimation, Found(initial, estimation.states(initial, equilibria), True, "nominal", 0), "nominal")
+    return Fit(estimation, Outcome(initial, estimation.states(initial, equilibria), True, "nominal", 0), "nominal")
 
 
 def _prepared(estimation: Estimation, progress: Progress | None = None) -> list[Equilibrium]:
-    """The equilibria that the estimation starts from, its models built."""
+    """The equilibria at the initial values; builds the models."""
     equilibria = estimation.equilibria_of(estimation.unknowns.initial, "the initial parameters", progress)
     estimation.prepare(equilibria)
     return equilibria
 
 
-def _failure(estimation: Estimation, found: Found, method: str) -> str:
-    """What was tried, how far it got, what to do."""
+def _failure(estimation: Estimation, outcome: Outcome, method: str) -> str:
+    """Message of a failed solve: what was tried, how far it came, what to do."""
     lower, upper = estimation.unknowns.bounds
     at_bound = [
         label
-        for label, x, a, b in zip(estimation.unknowns.labels, found.x, lower, upper, strict=True)
+        for label, x, a, b in zip(estimation.unknowns.labels, outcome.x, lower, upper, strict=True)
         if np.isclose(x, a, rtol=1e-6) or np.isclose(x, b, rtol=1e-6)
     ]
     hint = f"; at their bounds: {', '.join(at_bound)}" if at_bound else ""
-    values = ", ".join(f"{a} = {x:.6g}" for a, x in zip(estimation.unknowns.labels, found.x, strict=True))
+    values = ", ".join(f"{a} = {x:.6g}" for a, x in zip(estimation.unknowns.labels, outcome.x, strict=True))
     return (
-        f"the {method} estimation ended after {found.iterations} iterations: {found.message}; "
-        f"it got to {values}{hint}. "
-        f"Try priors or a better start for the parameters, or fewer of them"
+        f"the {method} estimation did not converge after {outcome.iterations} iterations: {outcome.message}; "
+        f"last values: {values}{hint}. "
+        f"Try priors, better initial values, or fewer parameters"
     )

@@ -1,7 +1,7 @@
-"""How well data determine parameters: information, covariance, and the directions about which they say nothing.
+"""How well data determine parameters: information, covariance and undetermined directions.
 
-Everything is counted in the unknowns' scales, so that an eigenvalue of the information matrix tells by how much of its
-size a combination of parameters is known.
+All quantities are in the unknowns' scales. An eigenvalue of the information matrix is then the inverse squared standard
+deviation of a combination of parameters, relative to its size.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from ..estimation.places import across
 from ..robot.names import symbol
 from .estimation import Estimation
 
-VAGUE = 1.0  # scaled standard deviation from which a number counts as known vaguely: to no better than its size
+VAGUE = 1.0  # scaled standard deviation from which a number is known only vaguely: its error exceeds its size
 OPEN = 3.0
-"""Scaled standard deviation from which a direction counts as undetermined: half a turn of an angle, and of a stiffness
-not even the order of magnitude. What data do not determine at all comes to infinity, or to tens by rounding errors."""
-_BLIND = 1e-11  # of the largest eigenvalue: rounding errors alone leave more
-TAKES_PART = 0.05  # the share of a parameter in an undetermined direction from which it is undetermined itself
-_EQUAL = 0.02  # relative: by so much the parts of a common factor may differ
+"""Scaled standard deviation from which a direction is undetermined. This is half a turn of an angle; not even the order
+of magnitude of a stiffness is known. Entirely undetermined directions reach infinity, or tens by rounding errors."""
+_BLIND = 1e-11  # of the largest eigenvalue: smaller eigenvalues are rounding errors
+TAKES_PART = 0.05  # share in an undetermined direction from which a parameter is undetermined itself
+_EQUAL = 0.02  # relative difference allowed between the parts of a common factor
 
 
 @attrs.frozen(eq=False)
@@ -33,12 +33,12 @@ class Direction:
     Attributes
     ----------
     parts
-        The parameters that take part, by their labels, and how far each moves, in its own unit; of a common factor all
-        by the same share.
+        Change of each parameter along the direction, SI, by label. For a common factor all relative changes are equal.
     standard_deviation
-        Along it, in the parameters' scales: 1 stands for their whole size. Infinite where nothing is known.
+        Standard deviation along the direction, in the parameters' scales: 1 is their full size. Infinite if the data
+        contain no information.
     description
-        In words.
+        The direction in words.
     """
 
     parts: dict[str, float]
@@ -51,10 +51,10 @@ class Direction:
 
 @attrs.frozen(eq=False)
 class Information:
-    """Sums over the data at a solution, in scaled unknowns; places that are estimated follow at their best.
+    """Information of the data at a solution, in scaled unknowns, with estimated places eliminated.
 
-    ``matrix``: of Gauss and Newton for whitened misfits; ``curvature``: the loss's Hessian, outer product of the
-    blocks' gradients in ``scatter`` (for the sandwich); ``prior``: the priors' inverse variances.
+    ``matrix`` is the Gauss-Newton matrix of whitened misfits, ``curvature`` the Hessian of the loss. ``scatter`` is the
+    sum of outer products of the blocks' gradients (for the sandwich), ``prior`` the priors' inverse variances.
     """
 
     matrix: Array
@@ -66,7 +66,7 @@ class Information:
 
 
 def information(estimation: Estimation, linearized: Sequence[Linearized]) -> Information:
-    """The sums at some linearization."""
+    """The information from a linearization of all experiments."""
     scale = estimation.unknowns.scale
     matrix, scatter = np.zeros((2, len(scale), len(scale)))
     curvatures, gradients = [], []
@@ -86,7 +86,7 @@ def information(estimation: Estimation, linearized: Sequence[Linearized]) -> Inf
 
 @attrs.frozen(eq=False)
 class Determined:
-    """What a matrix of information determines: eigenvalues, and the basis of what it does not, scaled."""
+    """Determined and undetermined subspaces of an information matrix, with its eigenvalues, scaled."""
 
     eigenvalues: Array
     known: Array
@@ -95,13 +95,13 @@ class Determined:
 
     @property
     def condition(self) -> float:
-        """Largest over smallest eigenvalue."""
+        """Condition number: largest over smallest eigenvalue."""
         least = self.eigenvalues[0]
         return float(self.eigenvalues[-1] / least) if least > 0.0 else np.inf
 
 
 def determined(matrix: Array) -> Determined:
-    """Split the space of the parameters into what is known and what is not."""
+    """Split the parameter space into its determined and undetermined subspaces."""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     blind = values <= _BLIND * max(values[-1], 0.0)
     deviations = np.where(blind, np.inf, 1.0 / np.sqrt(np.where(blind, 1.0, values)))
@@ -110,7 +110,7 @@ def determined(matrix: Array) -> Determined:
 
 
 def covariance(matrix: Array, known: Array, middle: Array | None = None) -> Array:
-    """Inverse of the information on what is known; with ``middle``, the sandwich ``M^-1 middle M^-1``."""
+    """Inverse information on the determined subspace; with ``middle``, the sandwich ``M^-1 middle M^-1``."""
     if known.shape[1] == 0:
         return np.zeros_like(matrix)
     inner = np.linalg.inv(known.T @ matrix @ known)
@@ -120,30 +120,30 @@ def covariance(matrix: Array, known: Array, middle: Array | None = None) -> Arra
 
 
 def taking_part(of: Determined) -> Array:
-    """Which parameters take part in what is not determined, as booleans."""
+    """Boolean array of the parameters that take part in an undetermined direction."""
     if of.unknown.shape[1] == 0:
         return np.zeros(len(of.eigenvalues), dtype=bool)
     return np.asarray(np.sqrt((of.unknown**2).sum(axis=1)) > TAKES_PART)
 
 
 def directions(of: Determined, labels: Sequence[str], x: Array, scale: Array) -> list[Direction]:
-    """The undetermined directions, each with as few parameters as possible, in words."""
+    """Undetermined directions, each with as few parameters as possible, and their descriptions."""
     described = []
     for row in _sparse(of.unknown):
         vector = row / row[np.abs(row).argmax()]
-        those = np.flatnonzero(np.abs(vector) > TAKES_PART)
+        moving = np.flatnonzero(np.abs(vector) > TAKES_PART)
         unit = vector / np.linalg.norm(vector)
         known = np.isfinite(of.deviations).all()
         spread = np.sqrt(np.sum((of.deviations * (of.unknown.T @ unit)) ** 2)) if known else np.inf
-        relative = vector[those] * scale[those] / np.where(x[those] == 0.0, np.inf, x[those])
-        names = [labels[int(k)] for k in those]
-        parts = dict(zip(names, vector[those] * scale[those], strict=True))
-        described.append(Direction(parts, float(spread), _described(names, vector[those], relative)))
+        relative = vector[moving] * scale[moving] / np.where(x[moving] == 0.0, np.inf, x[moving])
+        names = [labels[int(k)] for k in moving]
+        parts = dict(zip(names, vector[moving] * scale[moving], strict=True))
+        described.append(Direction(parts, float(spread), _described(names, vector[moving], relative)))
     return described
 
 
 def _sparse(basis: Array) -> list[Array]:
-    """Vectors of the same space with many zeros: reduced to echelon form, pivots where the space is largest."""
+    """A sparse basis of the same space: echelon form with the largest entries as pivots."""
     rows = basis.T.copy()
     done = 0
     while done < len(rows):
@@ -167,13 +167,13 @@ def _described(names: list[str], moves: Array, relative: Array) -> str:
 
 
 def combination(names: Sequence[str], moves: Array) -> str:
-    """A linear combination in words: ``a - 0.5 b``."""
+    """Text of a linear combination: ``a - 0.5 b``."""
     pairs = zip(names, moves, strict=True)
     terms = " ".join(f"{'-' if move < 0.0 else '+'} {abs(move):.2g} {name}" for name, move in pairs)
     return terms.removeprefix("+ ")
 
 
 def is_factor(names: Sequence[str], relative: Array) -> bool:
-    """Whether a direction multiplies stiffnesses by a common factor."""
+    """Whether a direction is a common factor of stiffnesses."""
     stiff = all(symbol(name) != name for name in names)
     return bool(stiff and np.ptp(relative) <= _EQUAL * np.abs(relative).max())

@@ -1,4 +1,4 @@
-"""What is to be estimated: parameters by name, with prior, bounds and scale, and the numbers that stand for them."""
+"""Unknowns of an estimation: named parameters with prior, bounds and scale, as a flat vector of numbers."""
 
 from __future__ import annotations
 
@@ -45,32 +45,34 @@ def _names(value: Any) -> tuple[str, ...]:
 
 @attrs.frozen
 class Parameter:
-    """An unknown of an estimation.
+    """An unknown parameter of a calibration, with optional prior, bounds, start and scale.
 
     Parameters
     ----------
     name
-        Of one number or an array of them: any of :meth:`Equilibrium.sensitivity <ctr_opt.Equilibrium.sensitivity>`
-        that belongs to the robot (``"tubes[0].bending_stiffness"``, ``"tubes[0].precurvature[1].coefficients"``,
-        ``"base.translation"``); ``"tubes[0].rotation_offset"`` (rad) and ``"tubes[0].translation_offset"`` (m), added
-        to every experiment's actuation; ``"sensors.coil.translation"`` ``(3,)``, m, and ``"sensors.coil.rotation"``
-        ``(3,)``, rad, the pose of the sensor ``"coil"`` of measurements in the frame of the tube that carries it, its
-        angles about the axes x, y, z, each turned by those before it; of a load that all experiments have,
-        ``"loads[0].stiffness"``; or an experiment's own,
-        ``"experiments[3].loads[0].force"``, ``"experiments[3].rotations"``. With ``tied``, a name of your own for a
-        common factor.
+        Name of one number or of an array:
+
+        - a parameter of the robot, as in :meth:`Equilibrium.sensitivity <ctr_opt.Equilibrium.sensitivity>`:
+          ``"tubes[0].bending_stiffness"``, ``"tubes[0].precurvature[1].coefficients"``, ``"base.translation"``;
+        - ``"tubes[0].rotation_offset"`` (rad) or ``"tubes[0].translation_offset"`` (m), added to every actuation;
+        - ``"sensors.coil.translation"`` ``(3,)``, m, or ``"sensors.coil.rotation"`` ``(3,)``, intrinsic XYZ Euler
+          angles, rad: the pose of the sensor ``"coil"`` in the frame of its tube;
+        - a number of a load that all experiments share, ``"loads[0].stiffness"``;
+        - a number of one experiment, ``"experiments[3].loads[0].force"``, ``"experiments[3].rotations"``;
+        - with ``tied``, any name for a common factor.
     prior
-        ``(mean, standard deviation)``, numbers or arrays of the parameter's shape: known before the data are seen.
-        Every measurement must then have its ``sigma``.
+        ``(mean, standard deviation)``, numbers or arrays of the parameter's shape. Every measurement must then have a
+        ``sigma``.
     bounds
-        ``(least, most)``, likewise. Default: stiffnesses, moduli, diameters and lengths stay positive, within a factor
-        of 100; angles within half a turn; others are free. No translation puts a base in front of the entry point.
+        ``(least, most)``, numbers or arrays of the parameter's shape. Default: stiffnesses, moduli, diameters and
+        lengths stay positive, within a factor of 100; angles stay within half a turn; other parameters are free. No
+        translation may put a tube's base in front of the entry point.
     initial
-        Where to start; default: the robot's (or experiment's) own value, zero for offsets, one for factors.
+        Start value. Default: the value of the robot or experiment, zero for offsets, one for factors.
     scale
-        A size by which it may be expected to change; default from the value, or the robot's length.
+        Expected size of the change. Default: from the value, or from the robot's length.
     tied
-        Names of parameters that are multiplied by this one, whose own value is then 1 at the robot's nominal values.
+        Names of parameters that this factor multiplies. It is 1 at the robot's nominal values.
 
     Examples
     --------
@@ -88,7 +90,7 @@ class Parameter:
 
 @attrs.frozen(eq=False)
 class Unknown:
-    """A parameter among the numbers of an estimation: where it starts, its bounds, scale and prior, flat arrays."""
+    """A parameter of an estimation with start, bounds, scale and prior as flat arrays."""
 
     name: str
     shape: tuple[int, ...]
@@ -100,38 +102,38 @@ class Unknown:
     prior_sigma: Array
     labels: tuple[str, ...]
     acts_on: tuple[str, ...]
-    """Names of robot parameters, or of ``rotations[i]``, ``translations[i]``; with an experiment's own, of that."""
+    """Names of the robot parameters or actuations (``rotations[i]``, ``translations[i]``) that it sets."""
     unit: str
     experiment: int | None = None
     factors: tuple[Array, ...] | None = None
-    """With tied parameters, their nominal values."""
+    """Nominal values of tied parameters; None for others."""
 
     @property
     def size(self) -> int:
-        """How many numbers it is."""
+        """Count of numbers."""
         return len(self.initial)
 
     @property
     def of_robot(self) -> bool:
-        """Whether it belongs to the robot, not to an experiment, its actuation or a sensor."""
+        """Whether it is a parameter of the robot, not of an experiment, an actuation or a sensor."""
         return self.experiment is None and self.holder not in _OFF_ROBOT
 
     @property
     def shared(self) -> bool:
-        """Whether it is a load's, in all experiments alike."""
+        """Whether it is a number of a load that all experiments share."""
         return self.experiment is None and self.holder == "loads"
 
     @property
     def holder(self) -> str | int:
-        """What has the numbers: ``"tubes"``, ``"base"``, ``"rotations"``, ``"translations"``, ``"sensors"``."""
+        """Holder of the numbers: ``"tubes"``, ``"base"``, ``"rotations"``, ``"translations"``, ``"loads"``, ..."""
         return parsed(self.acts_on[0])[0]
 
 
 class Unknowns:
-    """All unknowns of an estimation, flat, and what robot, actuation and loads they stand for.
+    """All unknowns of an estimation as a flat vector ``x``, and the robot, actuations and loads that ``x`` defines.
 
-    Of all numbers: where they start, ``initial``, and their sizes, ``scale``; ``bounds``, least and most; ``prior``,
-    mean and standard deviation, infinite where there is none; ``labels``; ``units``, factor and unit in reports.
+    For all numbers: start values ``initial``; sizes ``scale``; ``bounds``, least and largest; ``prior``, mean and
+    standard deviation, infinite without a prior; ``labels``; ``units``, factor and unit in reports.
     """
 
     def __init__(
@@ -142,15 +144,15 @@ class Unknowns:
     ) -> None:
         self.robot = robot
         self.experiments = list(experiments)
-        given = [one if isinstance(one, Parameter) else Parameter(one) for one in _listed(wanted)]
-        if not given:
+        listed = [one if isinstance(one, Parameter) else Parameter(one) for one in _listed(wanted)]
+        if not listed:
             raise DefinitionError("parameters = [] must name at least one parameter")
-        names = [one.name for one in given]
+        names = [parameter.name for parameter in listed]
         for k, name in enumerate(names):
             if name in names[:k]:
-                raise DefinitionError(f"parameters has {name!r} twice")
-        self.given = given
-        self.entries = [self._entry(one) for one in given]
+                raise DefinitionError(f"parameters lists {name!r} twice")
+        self.wanted = listed
+        self.entries = [self._entry(parameter) for parameter in listed]
         self._check_doubled()
         ends = np.cumsum([0, *(entry.size for entry in self.entries)]).tolist()
         self.size = ends[-1]
@@ -162,29 +164,29 @@ class Unknowns:
         self.initial, self.scale, self.bounds, self.prior = flat[0], flat[1], (flat[2], flat[3]), (flat[4], flat[5])
 
     def values(self, x: Array) -> dict[str, Any]:
-        """The numbers by name: floats and arrays."""
+        """Values by parameter name, floats and arrays."""
         return {
             entry.name: x[part].reshape(entry.shape) if entry.shape else float(x[part][0])
             for entry, part in zip(self.entries, self.parts.values(), strict=True)
         }
 
-    # -- what they stand for -----------------------------------------------------------------------------------------
+    # -- robot and experiments ---------------------------------------------------------------------------------------
 
     def robot_numbers(self, x: Array) -> dict[str, Any]:
-        """The robot's parameters that are unknown, at these values."""
+        """Values of the robot's unknown parameters by name."""
         return self._raw(x, None)
 
     def robot_at(self, x: Array) -> Robot:
-        """The robot with these values."""
+        """The robot with the values ``x``."""
         return robot_with(self.robot, self.robot_numbers(x))
 
     @cached_property
     def moves_experiments(self) -> bool:
-        """Whether any of them acts on actuations or loads."""
+        """Whether any unknown acts on actuations or loads."""
         return not all(entry.of_robot for entry in self.entries)
 
     def experiment_at(self, x: Array, k: int) -> tuple[Actuation, tuple[Load, ...]]:
-        """Actuation and loads of an experiment with these values."""
+        """Actuation and loads of experiment ``k`` with the values ``x``."""
         actuation, loads = self.experiments[k]
         if not self.moves_experiments:
             return actuation, loads
@@ -195,7 +197,7 @@ class Unknowns:
         return Actuation(rotations, np.minimum(translations, 0.0)), loads_with(loads, share)
 
     def homes_at(self, x: Array) -> Homes:
-        """Homes of the joints with these values."""
+        """Homes of the joints with the values ``x``."""
         names, numbers, where = self._homes
         offsets = np.zeros((2, len(self.robot.tubes)))
         offsets[where] = x[numbers]
@@ -203,7 +205,7 @@ class Unknowns:
 
     @cached_property
     def _homes(self) -> tuple[tuple[str, ...], list[int], tuple[list[int], list[int]]]:
-        """Names of the offsets of joints, their numbers, and which rotations (0) or translations (1) they move."""
+        """Names of joint offsets, their indices in ``x``, and the rotations (0) or translations (1) that they move."""
         offsets = [e for e in self.entries if e.experiment is None and e.holder in ("rotations", "translations")]
         kinds = [int(entry.holder == "translations") for entry in offsets]
         tubes = [_indexed(entry.acts_on[0])[1] for entry in offsets]
@@ -224,10 +226,10 @@ class Unknowns:
         return values
 
     def acting(self, experiment: int) -> list[tuple[str, int, Array]]:
-        """What moves the numbers of an experiment: their name, first of them and ``d numbers / dx``, one row each.
+        """Unknowns acting on an experiment: name, index of the first number, and ``d numbers / dx``.
 
-        ``experiment = -1``: of one that was not seen, and has other loads. The name is that of a robot's parameter,
-        ``"rotations"``, ``"translations"`` or a load's.
+        ``experiment = -1`` stands for a new experiment with other loads. The name is that of a robot's parameter,
+        ``"rotations"``, ``"translations"`` or that of a load's number.
         """
         acting: list[tuple[str, int, Array]] = []
         for entry in self.entries:
@@ -243,77 +245,77 @@ class Unknowns:
         return acting
 
     def mounting(self, sensor: str, x: Array) -> Mounting:
-        """Pose of a sensor in the frame of the tube that carries it; what is not unknown is zero."""
+        """Pose of a sensor in its tube's frame; zero where it is not an unknown."""
         kinds = (self.parts.get(f"sensors.{sensor}.{kind}") for kind in ("translation", "rotation"))
         translation, angles = (np.zeros(3) if part is None else x[part] for part in kinds)
         return translation, angles
 
     def of_sensors(self, sensors: Iterable[str]) -> Array:
-        """``d numbers / dx`` of the six numbers of each sensor's pose, ``(6 k, size)``."""
+        """Derivatives ``d numbers / dx`` of the six pose numbers of each sensor, ``(6 k, size)``."""
         parts = (self.parts.get(f"sensors.{name}.{kind}") for name in sensors for kind in ("translation", "rotation"))
         rows = [np.zeros((3, self.size)) if part is None else np.eye(self.size)[part] for part in parts]
         return np.vstack([np.zeros((0, self.size)), *rows])
 
     def sizes(self, names: Sequence[str], experiment: int) -> dict[str, int]:
-        """How many numbers parameters of these names have in an experiment."""
+        """Count of numbers of the named parameters in an experiment, by name."""
         known = parameters(self.robot, *self.experiments[experiment])
         return {name: known[name].size for name in names}
 
     # -- reading ---------------------------------------------------------------------------------------------------
 
-    def _entry(self, given: Parameter) -> Unknown:
-        if not isinstance(given.name, str):
-            raise DefinitionError(f"parameters: {given.name!r} must be the name of a parameter")
-        if given.tied:
-            return self._tied(given)
-        match parsed(given.name):
+    def _entry(self, wanted: Parameter) -> Unknown:
+        if not isinstance(wanted.name, str):
+            raise DefinitionError(f"parameters: {wanted.name!r} must be the name of a parameter")
+        if wanted.tied:
+            return self._tied(wanted)
+        match parsed(wanted.name):
             case ("tubes", int(i), "rotation_offset" | "translation_offset" as field):
-                return self._offset(given, i, field)
+                return self._offset(wanted, i, field)
             case ("sensors", str(), "translation" | "rotation"):
-                return self._unknown(given, RobotParameter(given.name, np.zeros(3)), (given.name,))
+                return self._unknown(wanted, RobotParameter(wanted.name, np.zeros(3)), (wanted.name,))
             case ("loads", int(), str()):
-                return self._of_loads(given)
+                return self._of_loads(wanted)
             case ("experiments", int(k), "rotations" | "translations" | "loads", *_):
-                return self._of_experiment(given, k)
-        (parameter,) = chosen(self._known, [given.name], "parameters")
-        return self._unknown(given, parameter, (given.name,))
+                return self._of_experiment(wanted, k)
+        (parameter,) = chosen(self._known, [wanted.name], "parameters")
+        return self._unknown(wanted, parameter, (wanted.name,))
 
-    def _offset(self, given: Parameter, i: int, field: str) -> Unknown:
+    def _offset(self, wanted: Parameter, i: int, field: str) -> Unknown:
         if i >= len(self.robot.tubes):
-            raise DefinitionError(f"{given.name!r}: the robot has {len(self.robot.tubes)} tubes, counted from 0")
+            raise DefinitionError(f"{wanted.name!r}: the robot has {len(self.robot.tubes)} tubes, counted from 0")
         foremost = max(float(actuation.translations[i]) for actuation, _ in self.experiments)
         most = 0.0 - foremost if field == "translation_offset" else np.inf
         acts_on = (f"{field.removesuffix('_offset')}s[{i}]",)
-        return self._unknown(given, RobotParameter(given.name, np.zeros(())), acts_on, most=most)
+        return self._unknown(wanted, RobotParameter(wanted.name, np.zeros(())), acts_on, most=most)
 
-    def _of_experiment(self, given: Parameter, k: int) -> Unknown:
+    def _of_experiment(self, wanted: Parameter, k: int) -> Unknown:
         if k >= len(self.experiments):
-            raise DefinitionError(f"{given.name!r}: there are {len(self.experiments)} experiments, counted from 0")
+            raise DefinitionError(f"{wanted.name!r}: there are {len(self.experiments)} experiments, counted from 0")
         known = parameters(self.robot, *self.experiments[k]).values()
         inside = {f"experiments[{k}].{one.name}": one for one in known if parsed(one.name)[0] not in ("tubes", "base")}
-        (parameter,) = chosen(inside, [given.name], "parameters")
+        (parameter,) = chosen(inside, [wanted.name], "parameters")
         most = 0.0 if parameter.name == "translations" else np.inf
-        named = attrs.evolve(parameter, name=given.name)
-        return self._unknown(given, named, (parameter.name,), experiment=k, most=most)
+        named = attrs.evolve(parameter, name=wanted.name)
+        return self._unknown(wanted, named, (parameter.name,), experiment=k, most=most)
 
-    def _of_loads(self, given: Parameter) -> Unknown:
-        """A load's number that is the same in all experiments."""
+    def _of_loads(self, wanted: Parameter) -> Unknown:
+        """A number of a load that all experiments share."""
         there = []
         for k, experiment in enumerate(self.experiments):
             of_loads = {n: one for n, one in parameters(self.robot, *experiment).items() if parsed(n)[0] == "loads"}
-            there += chosen(of_loads, [given.name], f"experiments[{k}]")
+            there += chosen(of_loads, [wanted.name], f"experiments[{k}]")
         if len({one.value.shape for one in there}) > 1:
-            raise DefinitionError(f"{given.name!r}: loads of one name must be of one kind in all experiments")
-        return self._unknown(given, there[0], (given.name,))
+            raise DefinitionError(f"{wanted.name!r}: loads of one name must be of one kind in all experiments")
+        return self._unknown(wanted, there[0], (wanted.name,))
 
-    def _tied(self, given: Parameter) -> Unknown:
-        tied = chosen(self._known, given.tied, f"{given.name}: tied")
+    def _tied(self, wanted: Parameter) -> Unknown:
+        tied = chosen(self._known, wanted.tied, f"{wanted.name}: tied")
         factors = tuple(np.array(one.value) for one in tied)
-        return self._unknown(given, RobotParameter(given.name, np.ones(()), unit=""), given.tied, factors=factors)
+        return self._unknown(wanted, RobotParameter(wanted.name, np.ones(()), unit=""), wanted.tied, factors=factors)
 
     def _unknown(
         self,
-        given: Parameter,
+        wanted: Parameter,
         parameter: RobotParameter,
         acts_on: tuple[str, ...],
         *,
@@ -325,43 +327,43 @@ class Unknowns:
 
         def of_shape(what: Any, field: str) -> Array:
             if np.ndim(what) == 0:
-                return np.full(len(flat), number(what, f"{given.name}: {field}"))
-            return np.array(array(what, f"{given.name}: {field}", shape)).ravel()
+                return np.full(len(flat), number(what, f"{wanted.name}: {field}"))
+            return np.array(array(what, f"{wanted.name}: {field}", shape)).ravel()
 
-        initial = flat if given.initial is None else of_shape(given.initial, "initial")
+        initial = flat if wanted.initial is None else of_shape(wanted.initial, "initial")
         lower, upper = parameter.bounds(initial, positive=factors is not None)
-        if given.bounds is not None:
-            lower, upper = (_or_infinite(of_shape, given.bounds[k], sign) for k, sign in enumerate((-1, 1)))
+        if wanted.bounds is not None:
+            lower, upper = (_or_infinite(of_shape, wanted.bounds[k], sign) for k, sign in enumerate((-1, 1)))
         if np.any(lower >= most) or np.any(initial > most):
             raise DefinitionError(
-                f"{given.name}: it must be allowed to be below {most:g} m and start there, as no tube's base "
-                "stands in front of the entry point"
+                f"{wanted.name}: initial value and lower bound must allow less than {most:g} m, so that no tube's base "
+                "is in front of the entry point"
             )
         upper = np.minimum(upper, most)
         if np.any(lower >= upper) or np.any(initial < lower) or np.any(initial > upper):
             raise DefinitionError(
-                f"{given.name}: initial = {initial.tolist()} must lie between the bounds {lower.tolist()} and "
+                f"{wanted.name}: initial = {initial.tolist()} must lie between the bounds {lower.tolist()} and "
                 f"{upper.tolist()}"
             )
         mean, sigma = initial, np.full(len(flat), np.inf)
-        if given.prior is not None:
-            mean, sigma = (of_shape(one, "prior") for one in given.prior)
+        if wanted.prior is not None:
+            mean, sigma = (of_shape(one, "prior") for one in wanted.prior)
             if not (sigma > 0.0).all():
                 raise DefinitionError(
-                    f"{given.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive"
+                    f"{wanted.name}: the standard deviation of the prior, {sigma.tolist()}, must be positive"
                 )
-        scale = parameter.scale(self._length) if given.scale is None else of_shape(given.scale, "scale")
+        scale = parameter.scale(self._length) if wanted.scale is None else of_shape(wanted.scale, "scale")
         size = np.array(np.broadcast_to(scale, flat.shape))
         if not (size > 0.0).all():
-            raise DefinitionError(f"{given.name}: scale = {size.tolist()} must be positive")
+            raise DefinitionError(f"{wanted.name}: scale = {size.tolist()} must be positive")
         return Unknown(
-            given.name, shape, initial, size, lower, upper, mean, sigma, parameter.labels, acts_on, parameter.unit,
+            wanted.name, shape, initial, size, lower, upper, mean, sigma, parameter.labels, acts_on, parameter.unit,
             experiment, factors,
         )  # fmt: skip
 
     @cached_property
     def _known(self) -> dict[str, RobotParameter]:
-        """The robot's parameters; densities act if any experiment has weights."""
+        """The robot's parameters by name; densities act if any experiment has gravity."""
         held = Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes)))
         pulls = [load for _, loads in self.experiments for load in loads if load.pulls][:1]
         known = parameters(self.robot, held, pulls)
@@ -376,13 +378,13 @@ class Unknowns:
         for entry in self.entries:
             for name in entry.acts_on:
                 of_load = parsed(name)[0] == "loads"
-                for (experiment, other), before in seen.items():
+                for (experiment, earlier), before in seen.items():
                     same = experiment == entry.experiment or (of_load and None in (experiment, entry.experiment))
-                    if other == name and same:
-                        raise DefinitionError(f"parameters: both {before!r} and {entry.name!r} stand for {name!r}")
+                    if earlier == name and same:
+                        raise DefinitionError(f"parameters: {before!r} and {entry.name!r} both set {name!r}")
                 seen[entry.experiment, name] = entry.name
         robot_names = [name for k, name in seen if k is None and parsed(name)[0] not in _OFF_ROBOT]
-        chosen(self._known, robot_names, "parameters")  # refuses a stiffness beside the modulus that it follows from
+        chosen(self._known, robot_names, "parameters")  # rejects a stiffness beside its modulus
 
 
 def _listed(wanted: Any) -> list[Any]:
@@ -392,7 +394,7 @@ def _listed(wanted: Any) -> list[Any]:
 
 
 def _indexed(name: str) -> tuple[str, int]:
-    """The parameter that an unknown acts on, and which of its numbers comes first: of ``rotations[2]`` the third."""
+    """The parameter that an unknown acts on, and the index of its first number: 2 for ``rotations[2]``."""
     match parsed(name):
         case ("rotations" | "translations" as actuated, int(i)):
             return actuated, i
@@ -400,11 +402,11 @@ def _indexed(name: str) -> tuple[str, int]:
 
 
 def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
-    """A bound; where it is None or infinite, there is none."""
+    """A bound as an array, infinite where the value is None or infinite."""
     infinite = sign * np.inf
     if np.ndim(value) == 0:
         none = value is None or value == infinite
         return np.full_like(of_shape(0.0, "bounds"), infinite) if none else of_shape(value, "bounds")
-    given = np.asarray(value, dtype=object)
-    free = np.array([one is None or one == infinite for one in given.ravel()]).reshape(given.shape)
-    return np.where(free.ravel(), infinite, of_shape(np.where(free, 0.0, given).tolist(), "bounds"))
+    bounds = np.asarray(value, dtype=object)
+    free = np.array([bound is None or bound == infinite for bound in bounds.ravel()]).reshape(bounds.shape)
+    return np.where(free.ravel(), infinite, of_shape(np.where(free, 0.0, bounds).tolist(), "bounds"))

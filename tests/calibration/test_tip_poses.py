@@ -207,7 +207,7 @@ def test_the_file_in_the_docs_is_one(tmp_path):
         (("share = 0.2", "share = 1.2"), r"hold_out.share = 1.2 must be"),
         (("share = 0.2", "share = 0.0001"), "must hold out at least one"),
         (("seed = 1\n", ""), r"hold_out.seed is missing"),
-        (('sensor = "coil"', 'sensor = "ring"'), "no measurement is of a sensor 'coil'; there are: 'ring'"),
+        (('sensor = "coil"', 'sensor = "ring"'), "no measurement has a sensor 'coil'; measured sensors: 'ring'"),
         (('tied = ["tubes[0]', 'prior = 1.0, tied = ["tubes[0]'), "file.toml: prior = 1.0 must be a pair"),
         (("{ name = ", "{ nme = "), r"parameters\[11\].nme is no key here; did you mean 'name'"),
     ],
