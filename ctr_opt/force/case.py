@@ -1,4 +1,4 @@
-"""What is sought and seen in one estimate of loads, in numbers."""
+"""One case of a force estimation: experiment, unknown numbers, model errors and search."""
 
 from __future__ import annotations
 
@@ -29,35 +29,35 @@ from ..robot.names import Parameter, euler_rates, parameters
 from ..robot.robot import Robot
 from .model import LoadedModel, loaded_model
 from .numbers import Numbered
-from .search import Search, Sought, State
+from .search import LoadUnknowns, Search, SearchState
 from .spread import Spread, between, within_cone
 from .unknown import UnknownLoad
 
-_UNLIKELY = 1e-3  # probability of residuals that are not believed
+_UNLIKELY = 1e-3  # p-value below which residuals are too large for the model
 
 
 @attrs.frozen(eq=False)
 class Errors:
-    """Numbers of the model that are known with errors only: their names, and a factor of their covariance."""
+    """Uncertain numbers of the model: their names and a factor of their covariance."""
 
     names: tuple[str, ...]
     spread: Array
 
     @property
     def count(self) -> int:
-        """How many standard normal errors there are."""
+        """Count of standard normal errors."""
         return int(self.spread.shape[1])
 
     @classmethod
     def of(cls, robot: Robot, experiment: Experiment, fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
-        """Of a calibrated robot's parameters and of the actuation, as far as they act."""
+        """Errors of calibration and actuation that act in an experiment."""
         if fit is None and all(sigma is None for sigma in joints.values()):
             return cls((), np.zeros((0, 0)))
         return cls._of(parameters(robot, experiment.actuation, experiment.loads), fit, joints)
 
     @classmethod
     def ever(cls, robot: Robot, fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
-        """The same for all that a robot may be seen in: of everything that acts in any of it."""
+        """Errors of calibration and actuation that act in any experiment of the robot."""
         held = Actuation(np.zeros(len(robot.tubes)), np.zeros(len(robot.tubes)))
         return cls._of(parameters(robot, held, [Gravity(np.zeros(3))]), fit, joints)
 
@@ -70,7 +70,7 @@ class Errors:
         return cls(names, np.hstack(columns) if columns else np.zeros((0, 0)))
 
     def acting(self, robot: Robot, experiment: Experiment) -> Errors:
-        """The same normal errors, and what they change in an experiment: no number that does not act there."""
+        """These errors, restricted to the numbers that act in an experiment."""
         if not self.names:
             return self
         known = parameters(robot, experiment.actuation, experiment.loads)
@@ -84,7 +84,7 @@ def _padded(part: Mapping[str, Array], name: str, size: int) -> Array:
 
 
 def _of_fit(fit: Fit, sizes: Mapping[str, int]) -> list[dict[str, Array]]:
-    """How the numbers of the model follow standard normal errors of a fit's parameters."""
+    """Matrices from standard normal errors of a fit's parameters to the model's numbers."""
     if not isinstance(fit, Fit):
         raise DefinitionError(f"fit = {fit!r} must be a Fit")
     unknowns = fit.estimation.unknowns
@@ -99,8 +99,8 @@ def _of_fit(fit: Fit, sizes: Mapping[str, int]) -> list[dict[str, Array]]:
     covariance = fit.covariance[np.ix_(used, used)]
     if not np.isfinite(covariance).all():
         raise EstimationError(
-            f"fit leaves parameters of the robot open: {'; '.join(map(str, fit.undetermined))}; no error of a force "
-            "can be told"
+            f"fit does not determine all parameters of the robot: {'; '.join(map(str, fit.undetermined))}; the force's "
+            "error cannot be computed"
         )
     if "base.rotation" in rows:
         rows["base.rotation"] = euler_rates(np.asarray(fit.values["base.rotation"])) @ rows["base.rotation"]
@@ -111,10 +111,10 @@ def _of_fit(fit: Fit, sizes: Mapping[str, int]) -> list[dict[str, Array]]:
 
 @attrs.frozen(eq=False)
 class Case:
-    """An experiment, the loads sought in it, and the search for them.
+    """An experiment, its unknown loads, and the search for them.
 
-    ``forces``: the numbers' scales where they are forces, zero elsewhere; ``roughness``: of a distributed force whose
-    smoothness is to be found, as a quadratic form of all numbers; ``scans``: kept models of the search for contacts.
+    ``forces`` holds the scales of numbers that are forces, and zeros. ``roughness`` is the quadratic form of a
+    distributed force with unknown smoothness. ``scans`` caches models of the search for contacts.
     """
 
     robot: Robot
@@ -142,7 +142,7 @@ class Case:
         steps: Callable[[], int],
         kept: Sequence[Case],
     ) -> Case:
-        """A case; one of those ``kept`` that serves lends its model. ``steps``: as for ``loaded_model``."""
+        """The case of an experiment; it reuses the model of a ``kept`` case if possible."""
         ends = Ends.of_robot(robot, experiment.actuation.translations)
         experiment.check_places(ends)
         unknown, observables = tuple(one.placed(ends) for one in unknown), experiment.framed(ends)
@@ -150,12 +150,12 @@ class Case:
         if before is not None:
             return before.again(experiment, ends)
         numbered = Numbered.of(unknown, len(experiment.loads))
-        every = (*experiment.loads, *numbered.templates)
-        configuration = Configuration(robot, experiment.actuation, every)
+        loads = (*experiment.loads, *numbered.templates)
+        configuration = Configuration(robot, experiment.actuation, loads)
         model = loaded_model(
             robot,
             experiment.actuation,
-            every,
+            loads,
             numbered.names,
             errors.names,
             observables,
@@ -163,9 +163,9 @@ class Case:
             steps,
         )
         unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
-        sought, forces = _sought(robot, numbered, ends, errors)
+        unknowns, forces = _unknowns(robot, numbered, ends, errors)
         measured = Comparison([experiment.measurements], loss), Blocks.of(experiment.measurements, loss)
-        search = Search(model, experiment.actuation, unit, ends.length, sought, *measured)
+        search = Search(model, experiment.actuation, unit, ends.length, unknowns, *measured)
         rough = numbered.roughness()
         return cls(robot, experiment, observables, numbered, errors, loss, compiled, ends, search, forces, rough)
 
@@ -177,7 +177,7 @@ class Case:
         errors: Errors,
         unknown: tuple[UnknownLoad, ...],
     ) -> bool:
-        """Whether its model serves another experiment, too, with the same unknown loads, as they are placed there."""
+        """Whether this case's model also serves another experiment with its placed unknown loads."""
         before = self.experiment
         return (
             self.observables == observables
@@ -190,57 +190,57 @@ class Case:
         )
 
     def again(self, experiment: Experiment, ends: Ends) -> Case:
-        """The same for an experiment that it serves."""
+        """The case of another experiment that the same model serves."""
         search = self.search
-        sought = search.sought
+        unknowns = search.unknowns
         if ends.points != self.ends.points:
             scale, lower, upper = extent(self.robot, self.numbered, ends)
-            sought = attrs.evolve(sought, scale=scale, lower=lower, upper=upper)
+            unknowns = attrs.evolve(unknowns, scale=scale, lower=lower, upper=upper)
         measured = Comparison([experiment.measurements], self.loss), search.blocks
-        search = Search(search.model, experiment.actuation, search.unit, ends.length, sought, *measured)
+        search = Search(search.model, experiment.actuation, search.unit, ends.length, unknowns, *measured)
         return attrs.evolve(self, experiment=experiment, ends=ends, search=search)
 
     @property
     def start(self) -> Array:
-        """What is likely before anything was seen."""
-        sought = self.search.sought
-        return np.clip(sought.prior_mean, sought.lower, sought.upper)
+        """Start values: the prior's mean within bounds."""
+        unknowns = self.search.unknowns
+        return np.clip(unknowns.prior_mean, unknowns.lower, unknowns.upper)
 
     @property
     def contacts(self) -> list[slice]:
-        """Where the numbers of unknown loads at unknown places stand."""
+        """Slices of the numbers of unknown loads at unknown places."""
         return [part for part in self.numbered.parts if "arc_length" in self.numbered.fields[part]]
 
-    def resting(self, shape: Equilibrium) -> State:
-        """The robot without the unknown loads, its points at the places next to them."""
+    def resting(self, shape: Equilibrium) -> SearchState:
+        """The state without the unknown loads, with points at the nearest places."""
         state = self.search.at(shape.unknowns, self.start, self.places(shape), np.zeros(self.search.errors))
         if state is None:
             raise EstimationError("without the unknown loads the robot's shape cannot be compared with measurements")
         return state
 
     def places(self, shape: Equilibrium) -> Array:
-        """Where points somewhere on the backbone are likely, by a shape."""
+        """Likely places of points at unknown arc lengths, from a shape."""
         return nearest(self.experiment, shape, self.loss)
 
-    def likely(self, state: State) -> bool:
-        """Whether model and noise explain the residuals: else another place may, that the search has missed."""
+    def likely(self, state: SearchState) -> bool:
+        """Whether model and noise explain the residuals; if not, the search may have missed a better place."""
         return p_value(2.0 * state.cost, len(state.misfit)) > _UNLIKELY
 
-    def ways(self, state: State) -> Array:
-        """Directions in which the numbers may move, an orthonormal basis in their scales, as columns ``(k, n)``.
+    def ways(self, state: SearchState) -> Array:
+        """Free directions of the numbers: an orthonormal basis in their scales, as columns ``(k, n)``.
 
-        Bounds hold others: a force at one of its own, a normal force that is zero, or one on the cone of friction.
+        Active bounds fix directions: a force at a bound, a normal force of zero, a force on the friction cone.
         """
-        tangent, sought = state.tangent, self.search.sought
+        tangent, unknowns = state.tangent, self.search.unknowns
         if tangent is None:
-            moving = sought.at_places | ((state.x > sought.lower) & (state.x < sought.upper))
+            moving = unknowns.at_places | ((state.x > unknowns.lower) & (state.x < unknowns.upper))
             tangent = np.eye(len(state.x))[:, moving]
-        return np.linalg.qr(tangent / self.search.sought.scale[:, None])[0]
+        return np.linalg.qr(tangent / self.search.unknowns.scale[:, None])[0]
 
     def possible(self, free: Spread, x: Array) -> Spread:
-        """Deviations from ``x``, in its scales, that bounds and cones of friction allow, one after the other."""
-        sought = self.search.sought
-        at, lower, upper = (one / sought.scale for one in (x, sought.lower, sought.upper))
+        """Deviations from ``x``, scaled, that bounds and friction cones allow, applied one after the other."""
+        unknowns = self.search.unknowns
+        at, lower, upper = (one / unknowns.scale for one in (x, unknowns.lower, unknowns.upper))
         for part, one in zip(self.numbered.parts, self.numbered.unknown, strict=True):
             if one.cone is not None:
                 free = free.given(part, within_cone(free.of(part), at[part], *one.cone))
@@ -251,36 +251,36 @@ class Case:
 
     @property
     def confined(self) -> NDArray[np.bool_]:
-        """Which numbers, but for places, are bounded."""
-        sought = self.search.sought
-        return ~sought.at_places & (np.isfinite(sought.lower) | np.isfinite(sought.upper))
+        """Boolean array of the bounded numbers, places excluded."""
+        unknowns = self.search.unknowns
+        return ~unknowns.at_places & (np.isfinite(unknowns.lower) | np.isfinite(unknowns.upper))
 
     @property
     def bounded(self) -> bool:
-        """Whether any is, or a force by a cone of friction."""
+        """Whether bounds or a friction cone confine any number, places excluded."""
         cones = any(one.cone is not None for one in self.numbered.unknown)
         return cones or bool(self.confined.any())
 
     def contact(self, part: slice) -> UnknownLoad:
-        """The contact whose numbers stand there."""
+        """The contact with the numbers at ``part``."""
         return self.numbered.unknown[self.numbered.parts.index(part)]
 
     def loads_at(self, x: Array) -> list[Load]:
-        """Known loads and those sought, with these numbers."""
-        return self.numbered.loads_at(self.experiment.loads, self.search.sought.mixing @ x)
+        """Known loads and unknown loads with the numbers ``x``."""
+        return self.numbered.loads_at(self.experiment.loads, self.search.unknowns.mixing @ x)
 
-    def slopes_of(self, measurement: Measurement, state: State, steps: Callable[[], int]) -> Array:
-        """How another measurement, at given places, would follow loads and errors at a state: ``(numbers, k + q)``."""
+    def slopes_of(self, measurement: Measurement, state: SearchState, steps: Callable[[], int]) -> Array:
+        """Slopes ``(numbers, k + q)`` of another measurement, at known places, by loads and errors at a state."""
         experiment = attrs.evolve(self.experiment, measurements=(measurement,))
         unknown, errors = self.numbered.unknown, self.errors
-        other = Case.of(self.robot, experiment, unknown, errors, "squared", self.compiled, steps, ())
-        there = other.search.at(state.z, state.x, np.zeros(0), state.e)
+        case = Case.of(self.robot, experiment, unknown, errors, "squared", self.compiled, steps, ())
+        there = case.search.at(state.z, state.x, np.zeros(0), state.e)
         if there is None:
             raise EstimationError("the model cannot be evaluated at the estimate")
         return there.slopes
 
 
-def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tuple[Sought, Array]:
+def _unknowns(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tuple[LoadUnknowns, Array]:
     from scipy.linalg import block_diag
 
     size = len(numbered.labels)
@@ -296,12 +296,14 @@ def _sought(robot: Robot, numbered: Numbered, ends: Ends, errors: Errors) -> tup
     forces = np.where((fields == "force") | (fields == "normal_force"), scale, 0.0)
     mixing = np.asarray(block_diag(*(one.mixing for one in numbered.unknown)))
     at_places = fields == "arc_length"
-    sought = Sought(mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, at_places, errors.spread)
-    return sought, forces
+    unknowns = LoadUnknowns(
+        mixing, scale, mean, np.asarray(block_diag(*information)), lower, upper, at_places, errors.spread
+    )
+    return unknowns, forces
 
 
 def extent(robot: Robot, numbered: Numbered, ends: Ends) -> tuple[Array, Array, Array]:
-    """Scales and bounds of the numbers: the former follow from the robot's length, as do those of places."""
+    """Scales, lower and upper bounds of the numbers; scales and bounds of places follow from the robot's length."""
     length, stiffness = ends.length, robot.tubes[0].bending_stiffness
     size = len(numbered.labels)
     lower, upper = np.full(size, -np.inf), np.full(size, np.inf)

@@ -1,4 +1,4 @@
-"""How many contacts there are: as many as the measurements have evidence for."""
+"""An unknown number of contacts, chosen by the Bayesian information criterion."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from .unknown import IN_FILES, PointForce, UnknownLoad
 
 @attrs.frozen
 class Contacts(UnknownLoad):
-    """Several forces at unknown places along a tube, whose number is not known either.
+    """An unknown number of forces at unknown places along a tube.
 
-    Every number up to ``most`` is tried, and that of the least Bayesian information criterion taken: ``BIC = 2 loss +
-    k log n`` for ``k`` estimated numbers, four for each contact, and ``n`` measured ones. The estimate is then that of
-    as many :class:`PointForce`, and its :attr:`~ctr_opt.ForceEstimate.evidence` the table of all numbers from none on.
-    Alone, without other unknown loads, one contact is the least that is answered: where none has the least criterion,
-    nothing is seen to touch the robot.
+    Every number of contacts up to ``most`` is tried. The one with the least Bayesian information criterion is chosen:
+    ``BIC = 2 loss + k log n``, with ``k`` estimated numbers, four for each contact, and ``n`` measured numbers. The
+    result holds this number of :class:`PointForce`; :attr:`~ctr_opt.ForceEstimate.evidence` lists the criterion for
+    every number, zero included. Without other unknown loads the result has at least one contact. If zero contacts have
+    the least criterion, the measurements show no contact.
 
     Parameters
     ----------
     most
-        How many there can be.
+        The largest number of contacts.
     tube
-        The tube that is pressed.
+        Number of the tube in contact.
     prior
-        Of every force, N, as for :class:`TipForce`.
+        Mean and standard deviation of every force, N, as for :class:`TipForce`.
     bounds, between
-        Of every force and place, as for :class:`PointForce`.
+        Bounds of every force, N, and of every place, m, as for :class:`PointForce`.
 
     Examples
     --------
@@ -55,18 +55,18 @@ class Contacts(UnknownLoad):
         _ = self.forces(1)
 
     def choices(self, alone: bool) -> list[tuple[PointForce, ...]]:
-        """Every number of contacts, of which alone there is one at least."""
+        """The contacts for every number, from one if ``alone`` and from zero otherwise."""
         return [self.forces(count) for count in range(int(alone), self.most + 1)]
 
     def forces(self, count: int) -> tuple[PointForce, ...]:
-        """So many contacts."""
-        each = PointForce(tube=self.tube, prior=self.prior, bounds=self.bounds, between=self.between)
-        return (each,) * count
+        """The forces of this number of contacts."""
+        contact = PointForce(tube=self.tube, prior=self.prior, bounds=self.bounds, between=self.between)
+        return (contact,) * count
 
 
 @attrs.frozen
 class Evidence:
-    """For a number of contacts: the least loss that was found, and the Bayesian information criterion."""
+    """The least loss for a number of contacts, and its Bayesian information criterion."""
 
     contacts: int
     loss: float
@@ -74,5 +74,5 @@ class Evidence:
 
     @classmethod
     def of(cls, contacts: int, loss: float, numbers: int, measured: int) -> Evidence:
-        """Of so many estimated and measured numbers."""
+        """The evidence from a loss, with the counts of estimated and measured numbers."""
         return cls(contacts, loss, 2.0 * loss + numbers * float(np.log(measured)))

@@ -1,4 +1,4 @@
-"""A distributed force that is sought: a spline along a tube, as pieces of constant density for the model."""
+"""Unknown distributed force: a spline along a tube, which the model takes as pieces of constant density."""
 
 from __future__ import annotations
 
@@ -27,36 +27,36 @@ _STIFFEST = 1e12  # information on a coefficient, in its scale, by its smoothnes
 
 @attrs.frozen(slots=False)
 class DistributedForce(UnknownLoad):
-    """A force along a tube, N/m, world frame: a spline ``f(s)`` with equally spaced knots.
+    """An unknown force per length along a tube, N/m, world frame: a spline ``f(s)`` with equally spaced knots.
 
-    It is known before to be smooth: ``-log p(f) = w / 2 * integral |f''(s)|^2 ds + const``, which a constant and a
-    linear ``f`` cost nothing.
+    A smoothness prior penalizes the second derivative: ``-log p(f) = w / 2 * integral |f''(s)|^2 ds + const``.
+    Constant and linear ``f`` have no penalty.
 
     Parameters
     ----------
     coefficients
-        Of the spline, for each axis; more than the degree.
+        Number of spline coefficients for each axis; larger than the degree.
     start, end
-        Where it acts, m from the entry point; ``end=None``: the tube's distal end.
+        Interval on which the force acts, m from the entry point. ``end=None``: up to the tube's distal end.
     tube
-        The tube that is pressed.
+        Number of the tube that carries the force.
     degree
-        Of its polynomials, 2 to 5: 3 is a cubic spline.
+        Degree of the spline, 2 to 5; 3 is a cubic spline.
     smoothness
-        The weight ``w``, m^5/N^2. None: by marginal likelihood (evidence) in the linearized problem, the least weight
-        for which it is not below ``e^-2`` of the greatest, chosen anew with the steps of Gauss and Newton until both
-        agree.
+        The weight ``w``, m^5/N^2. None: the weight is chosen by the marginal likelihood (evidence) of the linearized
+        problem. We take the smallest weight whose evidence is within a factor ``e^2`` of the maximum, and repeat with
+        the Gauss-Newton steps until both agree.
     prior
-        Mean and standard deviation of every coefficient, N/m, known before, as for :class:`TipForce`; the spline stays
-        between its least and largest coefficient. Default: nothing is known but that it is smooth. Forces along the
-        backbone hardly bend it: where they are left open a search may be long and end far out.
+        Mean and standard deviation of every coefficient, N/m, as for :class:`TipForce`. The spline stays between its
+        least and largest coefficient. Default: only the smoothness prior. Axial forces hardly bend the backbone:
+        without a prior the search may be long, and the axial estimate may be very large.
     bounds
-        The least and the most of every coefficient, and so of the density, N/m, as for :class:`TipForce`.
+        The least and the largest value of every coefficient, and so of the density, N/m, as for :class:`TipForce`.
 
     Notes
     -----
-    For the model the spline is replaced by pieces of constant density, two between knots, each the spline's mean over
-    it: so the pieces' total force is the spline's, and moments differ by the square of the pieces' length.
+    The model replaces the spline by pieces of constant density, two between knots. Each piece has the spline's mean
+    over it. The total force is therefore exact, and moments differ by the square of the piece's length.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class DistributedForce(UnknownLoad):
             raise DefinitionError(f"coefficients = {self.coefficients} must be above the degree, {self.degree}")
 
     def placed(self, ends: Ends) -> DistributedForce:
-        """The same up to the tube's end, on a robot whose tubes end at ``ends``."""
+        """The force on a robot with tube ends ``ends``; an open ``end`` becomes the tube's."""
         end = ends.of(self.tube)
         if self.start >= end or (self.end is not None and self.end > end):
             raise DefinitionError(
@@ -105,7 +105,7 @@ class DistributedForce(UnknownLoad):
 
     @cached_property
     def spline(self) -> BSpline[np.float64]:
-        """The basis: all splines with one coefficient that is one, ``(coefficients,)`` at a place."""
+        """The basis splines, ``(coefficients,)`` at an arc length."""
         from scipy.interpolate import BSpline
 
         inner = np.linspace(self.start, self._end, self.coefficients - self.degree + 1)
@@ -115,7 +115,7 @@ class DistributedForce(UnknownLoad):
     @property
     def _end(self) -> float:
         if self.end is None:
-            raise DefinitionError("end = None: where the tube ends is not known before the robot's actuation is")
+            raise DefinitionError("end = None: the tube's end is unknown without the robot's actuation; give end")
         return self.end
 
     @cached_property
@@ -123,29 +123,29 @@ class DistributedForce(UnknownLoad):
         return np.linspace(self.start, self._end, _PIECES * (self.coefficients - self.degree) + 1)
 
     def loads(self) -> list[Load]:
-        """The pieces, without force."""
+        """The pieces of constant density, all zero."""
         both = zip(self._edges[:-1].tolist(), self._edges[1:].tolist(), strict=True)
         return [DistributedLoad(np.zeros(3), start=start, end=end, tube=self.tube) for start, end in both]
 
     @property
     def sought(self) -> tuple[UnknownNumbers, ...]:
-        """The coefficients, three numbers each."""
+        """The unknown coefficients, three numbers each."""
         return tuple(UnknownNumbers(0, "density", 3, vector(f"force_density[{k}]")) for k in range(self.coefficients))
 
     @property
     def taken(self) -> list[tuple[int, str]]:
-        """Densities of the pieces."""
+        """The load fields that the model reads: the density of every piece."""
         return [(k, "force") for k in range(len(self._edges) - 1)]
 
     @cached_property
     def mixing(self) -> Array:
-        """Means of the spline over the pieces, by its coefficients."""
+        """Means of the spline over the pieces, as a matrix on its coefficients."""
         integrals = np.diff(self.spline.antiderivative()(self._edges), axis=0)
         return np.asarray(np.kron(integrals / np.diff(self._edges)[:, None], np.eye(3)), dtype=np.float64)
 
     @cached_property
     def resultant(self) -> Array:
-        """The total force ``(3, 3 coefficients)``."""
+        """The total force, as a matrix ``(3, 3 coefficients)`` on the coefficients."""
         whole_spline = np.diff(self.spline.antiderivative()([self.start, self._end]), axis=0)
         return np.asarray(np.kron(whole_spline, np.eye(3)), dtype=np.float64)
 
@@ -161,9 +161,9 @@ class DistributedForce(UnknownLoad):
 
     @property
     def known_before(self) -> Gaussian:
-        """The prior, and that it is smooth, where it is given how much."""
-        own = Gaussian.of(self.prior, "prior", 3)
-        mean, information = (np.zeros(3), np.zeros((3, 3))) if own is None else (own.mean, own.information)
+        """The prior of the coefficients, with the smoothness prior if its weight is given."""
+        prior = Gaussian.of(self.prior, "prior", 3)
+        mean, information = (np.zeros(3), np.zeros((3, 3))) if prior is None else (prior.mean, prior.information)
         count = self.coefficients
         information = np.asarray(np.kron(np.eye(count), information), dtype=np.float64)
         if self.smoothness is not None:
@@ -172,22 +172,22 @@ class DistributedForce(UnknownLoad):
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """The bounds of every coefficient."""
+        """The bounds of all coefficients."""
         lower, upper = limits(self.bounds, "bounds", 3)
         return np.tile(lower, self.coefficients), np.tile(upper, self.coefficients)
 
     @property
     def roughly(self) -> bool:
-        """Whether its smoothness is not given."""
+        """Whether the weight of the smoothness prior must be estimated."""
         return self.smoothness is None
 
     def check_scale(self, scale: Array, field: str) -> None:
-        """Refuse weights under which rounding errors of the roughness hide what was measured."""
+        """Raise ``DefinitionError`` for a weight whose rounding errors would swamp the measurements."""
         if self.smoothness is None:
             return
         most = _STIFFEST / float(np.linalg.eigvalsh(self.roughness)[-1] * scale.max() ** 2)
         if self.smoothness > most:
             raise DefinitionError(
-                f"{field}.smoothness = {self.smoothness:g} m^5/N^2 must be at most {most:.1e}: with less it is a "
-                "straight line"
+                f"{field}.smoothness = {self.smoothness:g} m^5/N^2 must be at most {most:.1e}: a smaller weight "
+                "already gives a straight line"
             )

@@ -1,4 +1,4 @@
-"""The result of an estimate of loads, for people: the solution, its report and figures."""
+"""The result of a force estimation: loads, report and figures."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ import numpy as np
 
 from .plot import figure_force
 from .report import force_report
-from .solution import Solution
+from .solution import ForceSolution
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MANY = 8  # numbers: with more of them, the forces alone are shown
+_MANY = 8  # numbers: with more of them only the total force is shown
 
 
-class ForceEstimate(Solution):
+class ForceEstimate(ForceSolution):
     """The result of a :class:`~ctr_opt.ForceEstimationProblem`.
 
     Attributes
     ----------
     labels
-        A name for each number: the rows and columns of :attr:`covariance`.
+        One label for each number: the rows and columns of :attr:`covariance`.
     states
-        Solutions, that of least loss first.
+        All solutions, in order of their loss.
     evidence
-        Where the number of :class:`~ctr_opt.Contacts` was sought: loss and criterion by number.
+        With :class:`~ctr_opt.Contacts`: loss and criterion for each number of contacts.
     """
 
     def report(self) -> str:
-        """Loads with their errors, consistency, and what may hide behind them, as text."""
+        """Text report: loads with errors, consistency, and model errors that look like forces."""
         return force_report(self)
 
     def plot(self) -> Figure:
-        """The shape beside what was measured, and confidence ellipses of the force."""
+        """Figure of the shape with the measurements, and confidence ellipses of the force."""
         return figure_force(self)
 
     def __repr__(self) -> str:

@@ -1,7 +1,7 @@
-"""One robot at rest under loads that are sought: its equations and predictions with derivatives, evaluated in place.
+"""One robot in equilibrium under unknown loads: equations and predictions with derivatives, evaluated in place.
 
-Where a shape is looked at again and again, as by a controller, nothing may be built anew: the numbers of loads and the
-places of points are written into what the model reads.
+A controller estimates loads repeatedly, so that nothing may be built again. Numbers of loads and places of points are
+therefore written into arrays that the model reads.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from ..robot.robot import Robot
 
 
 @attrs.frozen(eq=False)
-class Told:
-    """Equations ``(n,)`` and their slopes ``(n, n + numbers)`` by base moments and numbers, SI; predictions."""
+class Evaluation:
+    """Residual ``(n,)``, its slopes ``(n, n + numbers)`` by base moments and numbers, SI, and predictions."""
 
     residual: Array
     slopes: Array
@@ -35,7 +35,7 @@ class Told:
 
 @attrs.frozen(eq=False)
 class LoadedModel:
-    """Numbers that stand in what a model reads, and its evaluation at base moments ``(1, n)`` with these."""
+    """A model with the arrays of numbers that it reads, and its evaluation at base moments ``(1, n)``."""
 
     compiled: bool
     unknowns: int
@@ -45,11 +45,11 @@ class LoadedModel:
     evaluate: Callable[[Array], tuple[Array, ObservedList, Array]]
 
     def actuated(self, actuation: Actuation) -> None:
-        """From now on at another actuation."""
+        """Set the actuation."""
         self.joints[0][:], self.joints[1][:] = actuation.rotations, actuation.translations
 
-    def at(self, z: Array, values: Array, s: Array) -> Told:
-        """At base moments, numbers of loads one behind the other, and arc lengths of points that are somewhere."""
+    def at(self, z: Array, values: Array, s: Array) -> Evaluation:
+        """Evaluate at base moments, stacked numbers of loads, and estimated arc lengths of points."""
         start = 0
         for numbers in self.loads:
             numbers[:] = values[start : start + len(numbers)]
@@ -57,7 +57,7 @@ class LoadedModel:
         for place, where in zip(self.places, s, strict=True):
             place[0] = where
         residual, predictions, slopes = self.evaluate(z[None])
-        return Told(residual[0], slopes[0], predictions)
+        return Evaluation(residual[0], slopes[0], predictions)
 
 
 def loaded_model(
@@ -70,21 +70,21 @@ def loaded_model(
     compiled: bool | None,
     steps: Callable[[], int],
 ) -> LoadedModel:
-    """A model with derivatives by the loads' numbers of these ``names``, which may change, and by the ``others``.
+    """Build a model with derivatives by changing numbers of loads, ``names``, and by fixed numbers, ``others``.
 
-    ``steps``: in each section, where it is not compiled.
+    ``steps`` returns the number of steps in each section; only a model that is not compiled calls it.
     """
-    every, joints = [*names, *others], ("rotations", "translations")
-    if compilable(robot, loads, observables, every, compiled):
-        model = Predictions(robot, every, [(actuation, loads)], observables)
+    acting, joints = [*names, *others], ("rotations", "translations")
+    if compilable(robot, loads, observables, acting, compiled):
+        model = Predictions(robot, acting, [(actuation, loads)], observables)
         somewhere = [k for k, one in enumerate(observables) if isinstance(one.place, Somewhere)]
         places = [model.numbers(f"observables[{k}].arc_length") for k in somewhere]
-        of_joints, of_loads = ([model.numbers(name) for name in those] for those in (joints, names))
+        of_joints, of_loads = ([model.numbers(name) for name in group] for group in (joints, names))
         return LoadedModel(True, model.unknowns, of_joints, of_loads, places, partial(_compiled, model))
-    symbolic = SymbolicModel(Configuration(robot, actuation, loads), observables, every, steps())
+    symbolic = SymbolicModel(Configuration(robot, actuation, loads), observables, acting, steps())
     known = {name: one.value for name, one in parameters(robot, actuation, loads).items()}
     theta, parts = symbolic.numbers(known, actuation, loads, observables), symbolic.problem.parts
-    of_joints, of_loads = ([theta[parts[name]] for name in those] for those in (joints, names))
+    of_joints, of_loads = ([theta[parts[name]] for name in group] for group in (joints, names))
     places = [theta[k : k + 1] for k in symbolic.somewhere]
     evaluate = partial(symbolic.evaluate, theta=theta[None])
     return LoadedModel(False, symbolic.unknowns, of_joints, of_loads, places, evaluate)
@@ -93,5 +93,5 @@ def loaded_model(
 def _compiled(model: Predictions, z: Array) -> tuple[Array, ObservedList, Array]:
     predicted = model.at(z)
     if predicted.failed[0]:
-        raise EstimationError("compiled code refused these loads: its steps cannot be laid out")
+        raise EstimationError("compiled code cannot lay out integration steps under these loads")
     return predicted.residual, predicted.observed, predicted.slopes

@@ -1,4 +1,4 @@
-"""The numbers of unknown loads: what they are, and estimates of them with their errors."""
+"""Numbers of unknown loads: their names and parts, and their estimates with errors."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .unknown import UnknownLoad
 
 
 def one_or_all(values: Sequence[Any]) -> Any:
-    """The value of the one unknown load, or those of several."""
+    """The value of a single unknown load, or the values of several."""
     return values if len(values) > 1 else values[0]
 
 
 @attrs.frozen(eq=False, slots=False)
 class Numbered:
-    """Unknown loads, the loads that stand for them, and the names, labels and parts of their numbers.
+    """Unknown loads, the loads that represent them, and the names, labels and parts of their numbers.
 
-    ``names`` are those of the model, whose first ``first`` loads are known.
+    ``names`` are the model's parameter names; its first ``first`` loads are known.
     """
 
     unknown: tuple[UnknownLoad, ...]
@@ -37,22 +37,22 @@ class Numbered:
 
     @classmethod
     def of(cls, unknown: tuple[UnknownLoad, ...], first: int) -> Numbered:
-        """Behind so many known loads."""
+        """The numbers of unknown loads that follow ``first`` known loads."""
         templates: list[Load] = []
         names: list[str] = []
         labels: list[str] = []
         parts = []
-        for k, one in enumerate(unknown):
-            numbers = one.sought
+        for k, unknown_load in enumerate(unknown):
+            numbers = unknown_load.sought
             prefix = f"unknown[{k}]." if len(unknown) > 1 else ""
-            names += [f"loads[{first + len(templates) + load}].{field}" for load, field in one.taken]
+            names += [f"loads[{first + len(templates) + load}].{field}" for load, field in unknown_load.taken]
             parts.append(slice(len(labels), len(labels) + sum(number.size for number in numbers)))
             labels += [prefix + label for number in numbers for label in number.labels]
-            templates += one.loads()
+            templates += unknown_load.loads()
         return cls(unknown, first, tuple(templates), tuple(names), tuple(labels), tuple(parts))
 
     def serves(self, unknown: tuple[UnknownLoad, ...]) -> bool:
-        """Whether the loads that stand for other unknown loads are these."""
+        """Whether the same loads represent the given unknown loads."""
         if len(unknown) == len(self.unknown) and all(map(operator.is_, unknown, self.unknown)):
             return True
         return self.templates == tuple(load for one in unknown for load in one.loads())
@@ -63,7 +63,7 @@ class Numbered:
         return [number.field for one in self.unknown for number in one.sought for _ in range(number.size)]
 
     def where(self, field: str) -> list[slice]:
-        """Where the numbers of a field stand, of every unknown load that has it."""
+        """Slices of the numbers of a field, one for each unknown load that has it."""
         starts = [
             (part.start + self.fields[part].index(field), part) for part in self.parts if field in self.fields[part]
         ]
@@ -71,7 +71,7 @@ class Numbered:
 
     @property
     def resultants(self) -> list[Array]:
-        """Total forces of the unknown loads ``(3, numbers)``, by all numbers that are sought."""
+        """Matrices ``(3, numbers)`` from all unknown numbers to the total force of each load."""
         resultants = []
         for part, one in zip(self.parts, self.unknown, strict=True):
             rows = np.zeros((3, len(self.labels)))
@@ -80,7 +80,7 @@ class Numbered:
         return resultants
 
     def roughness(self) -> Array | None:
-        """Of a distributed force whose smoothness is not given, as a quadratic form of all numbers."""
+        """Quadratic form of all numbers for a distributed force of unknown smoothness; None without one."""
         form = np.zeros((len(self.labels),) * 2)
         for part, one in zip(self.parts, self.unknown, strict=True):
             if one.roughly:
@@ -88,7 +88,7 @@ class Numbered:
         return form if form.any() else None
 
     def loads_at(self, known: Sequence[Load], numbers: Array) -> list[Load]:
-        """The known loads and those sought, with the numbers of the model."""
+        """The known loads and the unknown ones at the given numbers of the model."""
         values: dict[str, Any] = {}
         start = 0
         for name in self.names:
@@ -101,7 +101,7 @@ class Numbered:
 
 
 class Estimated:
-    """Estimates of all numbers of unknown loads, SI, in the order of ``labels``, and their covariance."""
+    """Base of results: estimates of all unknown numbers, SI, in the order of ``labels``, and their covariance."""
 
     labels: tuple[str, ...]
     numbered: Numbered
@@ -114,7 +114,7 @@ class Estimated:
 
     @property
     def values(self) -> dict[str, float]:
-        """The estimates by name."""
+        """Estimates of all numbers by label, SI."""
         return dict(zip(self.labels, self.estimates.tolist(), strict=True))
 
     @property
@@ -124,17 +124,20 @@ class Estimated:
 
     @property
     def force(self) -> Array:
-        """The force ``(3,)``, N, world frame, of a distributed one the total; of several unknown loads ``(k, 3)``."""
+        """Estimated force ``(3,)``, N, world frame; ``(k, 3)`` for several unknown loads.
+
+        For a distributed force this is the total.
+        """
         return np.asarray(one_or_all([rows @ self.estimates for rows in self.numbered.resultants]))
 
     @property
     def force_covariance(self) -> Array:
-        """Covariance of :attr:`force`, N^2: ``(3, 3)``, of several ``(k, 3, 3)``."""
+        """Covariance of :attr:`force` ``(3, 3)``, N^2; ``(k, 3, 3)`` for several unknown loads."""
         return np.asarray(one_or_all([rows @ self.covariance @ rows.T for rows in self.numbered.resultants]))
 
     @property
     def moment(self) -> Array | None:
-        """The moment at the tip ``(3,)``, N m; None where none is sought."""
+        """Estimated moment at the tip ``(3,)``, N m, world frame; None without an unknown moment."""
         return next((self.estimates[part] for part in self.numbered.where("moment")), None)
 
     def _in_words(self) -> str:

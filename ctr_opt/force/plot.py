@@ -10,7 +10,7 @@ from ..checks import Array
 from ..estimation.chi_square import quantile
 from ..estimation.measurements import BackboneMeasurement, PositionMeasurement
 from ..forward.plot import draw_backbone
-from .solution import Solution, principal
+from .solution import ForceSolution, principal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,7 +22,7 @@ _FORCE, _BAND = "#B2182B", "#4D4D4D"
 _PLACES = 41  # along the robot, of its band
 
 
-def figure_force(estimate: Solution) -> Figure:
+def figure_force(estimate: ForceSolution) -> Figure:
     """The shape with what was measured in two planes, the band of its positions, and how well the loads are known.
 
     Below the shape the confidence ellipses of forces in three planes, and densities of distributed forces with bands.
@@ -56,7 +56,7 @@ def _factor(dimensions: int) -> float:
     return float(np.sqrt(quantile(_INSIDE, dimensions)))
 
 
-def _draw_shape(estimate: Solution, ax: Any, plane: tuple[int, int]) -> None:
+def _draw_shape(estimate: ForceSolution, ax: Any, plane: tuple[int, int]) -> None:
     shape = estimate.shape
     draw_backbone(shape, ax, plane)
     points = _measured(estimate)
@@ -73,7 +73,7 @@ def _draw_shape(estimate: Solution, ax: Any, plane: tuple[int, int]) -> None:
     ax.set_aspect("equal", adjustable="datalim")
 
 
-def _where(estimate: Solution) -> list[float]:
+def _where(estimate: ForceSolution) -> list[float]:
     """Where each force is drawn: a distributed one in the middle of what it does."""
     places = estimate.arc_length if len(estimate.case.numbered.unknown) > 1 else [estimate.arc_length]
     found = []
@@ -105,7 +105,7 @@ def _draw_width(ax: Any, s: Array, covariances: Array) -> None:
     ax.set_ylim(bottom=0.0)
 
 
-def _draw_density(estimate: Solution, ax: Any, number: int, axis: int) -> None:
+def _draw_density(estimate: ForceSolution, ax: Any, number: int, axis: int) -> None:
     s = estimate.stretch(number)
     density, errors = (each[:, axis] for each in estimate.density(s, number))
     (line,) = ax.plot(1e3 * s, density, label="estimate")
@@ -117,13 +117,13 @@ def _draw_density(estimate: Solution, ax: Any, number: int, axis: int) -> None:
         ax.legend(frameon=False, fontsize=8)
 
 
-def _measured(estimate: Solution) -> Array:
+def _measured(estimate: ForceSolution) -> Array:
     kinds = PositionMeasurement, BackboneMeasurement
     found = [each.position for each in estimate.case.experiment.measurements if isinstance(each, kinds)]
     return np.vstack(found) if found else np.zeros((0, 3))
 
 
-def _draw_ellipses(estimate: Solution, ax: Any, plane: tuple[int, int], numbers: list[int]) -> None:
+def _draw_ellipses(estimate: ForceSolution, ax: Any, plane: tuple[int, int], numbers: list[int]) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     circle = _factor(2) * np.vstack((np.cos(angle), np.sin(angle)))
     forces, covariances = np.atleast_2d(estimate.force), np.reshape(estimate.force_covariance, (-1, 3, 3))

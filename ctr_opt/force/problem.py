@@ -1,4 +1,4 @@
-"""Intrinsic force estimation: what presses on a robot, from its shape (paper, sections I and IV)."""
+"""Intrinsic force estimation: loads on a robot from its measured shape (paper, sections I and IV)."""
 
 from __future__ import annotations
 
@@ -11,42 +11,44 @@ from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .estimate import ForceEstimate
-from .estimation import Estimation
+from .estimation import ForceEstimation
 from .unknown import UnknownLoad
 
 
 class ForceEstimationProblem:
-    """Find the loads that explain a robot's measured shape, and how well the shape determines them.
+    """Estimate the loads that explain a robot's measured shape, with their uncertainty.
 
     Parameters
     ----------
     robot
         The robot, calibrated.
     unknown
-        What is sought: :class:`TipForce`, :class:`TipWrench`, :class:`PointForce`, :class:`DistributedForce`, one or
-        several, and :class:`Contacts` whose number is unknown.
+        One unknown load or a list: :class:`TipForce`, :class:`TipWrench`, :class:`PointForce`,
+        :class:`DistributedForce`, or :class:`Contacts`, whose number is unknown.
     prior
-        Mean and standard deviation of the forces, N, known before, of those unknown loads that have none of their own.
+        Mean and standard deviation, N, for the forces of all unknown loads without their own ``prior``.
     loss
-        ``"squared"`` for normal errors; ``"huber"`` or ``"cauchy"`` where points may be outliers; ``"distance"``.
+        ``"squared"`` for normal errors; ``"huber"`` or ``"cauchy"`` if points may be outliers; ``"distance"``. See
+        :class:`~ctr_opt.CalibrationProblem`.
     rotation_sigma, translation_sigma
-        Standard deviations of the given actuation: numbers or one for each tube, rad and m. Default: it is exact.
+        Standard deviations of the actuation, rad and m: a number, or one for each tube. Default: the actuation is
+        exact.
     tolerance
-        Of the forward solves, as in :class:`~ctr_opt.ForwardProblem`.
+        Tolerance of the forward solves, as in :class:`~ctr_opt.ForwardProblem`.
     compiled
-        As in :class:`~ctr_opt.CalibrationProblem`.
+        Use of compiled code, as in :class:`~ctr_opt.CalibrationProblem`.
     starts
-        From how many the search sets out, where loads may be large enough for several answers: the first from the
-        prior's mean, others (seeded) around it.
+        Number of starts of the search. The first is the prior's mean; further starts are drawn around it with a fixed
+        seed. More than one helps if large loads allow several answers.
 
     Raises
     ------
     DefinitionError
-        Names the field, the value and what is allowed.
+        The message names the field, the value and what is allowed.
 
     Examples
     --------
-    The force at the tip of a rod from its position and direction:
+    Estimate the force at the tip of a rod from two measured points:
 
     >>> import ctr_opt as ctr
     >>> rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)])
@@ -71,7 +73,7 @@ class ForceEstimationProblem:
         compiled: bool | None = None,
         starts: int = 1,
     ) -> None:
-        self._estimation = Estimation(
+        self._estimation = ForceEstimation(
             robot, unknown, prior, loss, rotation_sigma, translation_sigma, tolerance, compiled, starts
         )
         self.robot, self.unknown, self.starts = robot, self._estimation.unknown, self._estimation.starts
@@ -90,31 +92,36 @@ class ForceEstimationProblem:
         Parameters
         ----------
         actuation
-            Of the robot when it was measured; if the fit estimated homes of the joints, by ``fit.actuation``.
+            Actuation during the measurement; from ``fit.actuation`` if the fit estimated homes of the joints.
         measurements
-            Any mix, each with its ``sigma``.
+            One measurement or a list of any kinds, each with its ``sigma``.
         loads
-            Loads that are known: gravity and the like.
+            Known loads, such as gravity.
         fit
-            The calibration that the robot is from: the errors of its parameters are counted among those of the loads.
+            The calibration of the robot. The covariance of the loads then includes the errors of its parameters.
         initial
-            An earlier estimate of the same unknown loads, close by: the search starts there.
+            An earlier estimate of the same unknown loads, close to this one: the search starts there.
+
+        Returns
+        -------
+        ForceEstimate
+            Loads with their covariance, consistency with the measurements, and alternative solutions.
 
         Raises
         ------
         DefinitionError
-            The fit estimated homes of the joints, and the actuation does not have them.
+            The fit estimated homes of the joints, but the actuation does not contain them.
         EstimationError
-            No loads were found: what was tried, how far it got and what to do.
+            The estimation failed. The message says what was tried, how far it came and what to do.
         """
         return self._estimation.solve(self._estimation.experiment(actuation, measurements, loads), fit, initial)
 
     def check(self, actuation: Actuation, measurements: Any, loads: Sequence[Load] = ()) -> None:
-        """Check what would be solved, without solving.
+        """Check the arguments of :meth:`solve` without solving.
 
         Raises
         ------
         DefinitionError
-            As :meth:`solve`.
+            The message names the field, the value and what is allowed.
         """
         self._estimation.check(self._estimation.experiment(actuation, measurements, loads))

@@ -1,4 +1,4 @@
-"""How far measured points are from every shape that a robot can have, as its backbone cannot be stretched."""
+"""Distance of measured points from all possible shapes, given that the backbone is inextensible."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from ..robot.robot import Robot
 
 
 def unreachable(robot: Robot, experiment: Experiment, ends: Ends, based: bool) -> float:
-    """The least sum of squared misfits, over their variances, whatever the shape: of points at known places.
+    """Lower bound, over all shapes, of the sum of squared misfits over variances for points at known places.
 
-    No two points are farther apart than the arc between them: each with its neighbour, or, where the base is known
-    exactly (``based``), each with the entry point. What the largest of the variances along all directions leaves.
+    Two points cannot be farther apart than the arc between them. Pairs of neighbours are used, or, if the base is
+    known exactly (``based``), each point and the entry point. Each point counts with its largest directional variance.
     """
-    own = [each for each in experiment.measurements if isinstance(each, PositionMeasurement) and each.sensor is None]
-    if not own:
+    on_backbone = [m for m in experiment.measurements if isinstance(m, PositionMeasurement) and m.sensor is None]
+    if not on_backbone:
         return 0.0
-    s = np.array([arc_length_of(place, ends) for each in own for place in each.arc_length])
+    s = np.array([arc_length_of(place, ends) for m in on_backbone for place in m.arc_length])
     order = np.argsort(s, kind="stable")
-    s, points = s[order], np.concatenate([each.position for each in own])[order]
-    weights = np.concatenate([np.linalg.svd(each.whitener, compute_uv=False)[:, -1] for each in own])[order]
+    s, points = s[order], np.concatenate([m.position for m in on_backbone])[order]
+    weights = np.concatenate([np.linalg.svd(m.whitener, compute_uv=False)[:, -1] for m in on_backbone])[order]
     variances = weights**-2.0
     count = len(s) // 2 * 2
     gaps = _beyond(points[1:count:2] - points[:count:2], s[1:count:2] - s[:count:2])
-    found = float((gaps**2 / (variances[:count:2] + variances[1:count:2])).sum())
+    least = float((gaps**2 / (variances[:count:2] + variances[1:count:2])).sum())
     if based:
-        found = max(found, float((_beyond(points - robot.base_pose[:3, 3], s) ** 2 / variances).sum()))
-    return found
+        least = max(least, float((_beyond(points - robot.base_pose[:3, 3], s) ** 2 / variances).sum()))
+    return least
 
 
 def _beyond(steps: Array, arcs: Array) -> Array:
-    """By how much distances are longer than arcs."""
+    """Excess of distances over arc lengths, at least zero."""
     return np.asarray(np.maximum(np.linalg.norm(steps, axis=1) - arcs, 0.0))

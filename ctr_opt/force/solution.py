@@ -1,4 +1,4 @@
-"""What is known of the loads on a robot after it was measured: estimates, errors, consistency, and what they hide."""
+"""Solution of a force estimation: estimates, errors, consistency, and model errors that look like forces."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .case import Case
 from .contact_number import Evidence
 from .contact_profile import LEVEL, Profile
 from .numbers import Estimated, one_or_all
-from .search import BLIND, Normal, State
+from .search import BLIND, Normal, SearchState
 from .spread import Spread
 from .systematic import CONSISTENT, Systematic, systematic_errors
 
@@ -31,28 +31,28 @@ if TYPE_CHECKING:
 
 _SHOWN = 121  # places along a distributed force
 _ROUNDING = 1e-15  # of a covariance's largest eigenvalue
-_LIKELY = 8.0  # excess loss up to which another solution is told: e^-8 is 1 in 3,000
+_LIKELY = 8.0  # excess loss up to which another solution is reported: e^-8 is 1 in 3,000
 
 
 @attrs.frozen(eq=False)
 class Axis:
-    """A principal direction of a force's error, world frame, and the standard deviation along it, N (or infinite)."""
+    """A principal direction of a force's error, world frame, and the standard deviation along it, N."""
 
     direction: Array
     standard_deviation: float
 
 
 def principal(covariance: Array) -> tuple[Array, Array]:
-    """Standard deviations along principal axes, the least first, and the axes as columns; rounding is zero."""
+    """Standard deviations along principal axes in ascending order, and the axes as columns; rounding is zero."""
     values, vectors = np.linalg.eigh(covariance)
     return np.sqrt(np.where(values > _ROUNDING * values[-1], values, 0.0)), vectors
 
 
-class Solution(Estimated):
-    """The loads that explain measurements: numbers with their errors, consistency, and what they leave open."""
+class ForceSolution(Estimated):
+    """Loads that explain measurements: numbers with errors, consistency, and undetermined directions."""
 
     def __init__(
-        self, forward: ForwardProblem, case: Case, states: list[State], evidence: Sequence[Evidence] = ()
+        self, forward: ForwardProblem, case: Case, states: list[SearchState], evidence: Sequence[Evidence] = ()
     ) -> None:
         self._forward = forward
         self.states = states
@@ -64,19 +64,24 @@ class Solution(Estimated):
     # -- estimates -------------------------------------------------------------------------------------------------
 
     def density(self, s: Any, number: int | None = None) -> tuple[Array, Array]:
-        """The distributed force ``(..., 3)`` at arc lengths ``s``, N/m, and its standard deviations.
+        """The distributed force ``(..., 3)`` at arc lengths ``s``, N/m, and its standard deviations ``(..., 3)``, N/m.
 
-        Zero where it does not act. ``number``: of which unknown load; None: of the first distributed force.
+        Parameters
+        ----------
+        s
+            Arc lengths ``(...)``, m. The force is zero outside its interval.
+        number
+            Index of the unknown load. Default: the first distributed force.
 
         Raises
         ------
         DefinitionError
-            None is sought.
+            The unknown load is not a :class:`~ctr_opt.DistributedForce`, or there is none.
         """
         if not self.distributed:
-            raise DefinitionError("density: no DistributedForce is among the unknown loads")
+            raise DefinitionError("density: there is no DistributedForce among the unknown loads")
         if number is not None and number not in self.distributed:
-            raise DefinitionError(f"density: unknown[{number}] is no DistributedForce; these are {self.distributed}")
+            raise DefinitionError(f"density: unknown[{number}] is not a DistributedForce; those are {self.distributed}")
         number = self.distributed[0] if number is None else number
         part = self.numbered.parts[number]
         basis = np.nan_to_num(self._splines[number](np.asarray(s, dtype=np.float64)))
@@ -87,22 +92,22 @@ class Solution(Estimated):
 
     @property
     def distributed(self) -> list[int]:
-        """Which unknown loads are distributed forces."""
+        """Indices of the unknown loads that are distributed forces."""
         return list(self._splines)
 
     @property
     def _splines(self) -> dict[int, BSpline[np.float64]]:
-        """The bases of distributed forces, by the number of the unknown load."""
+        """The spline bases of distributed forces, by the index of the unknown load."""
         return {k: spline for k, one in enumerate(self.numbered.unknown) if (spline := one.spline) is not None}
 
     def stretch(self, number: int, count: int = _SHOWN) -> Array:
-        """So many arc lengths along a distributed force, from its start to its end, m."""
+        """Equally spaced arc lengths ``(count,)`` along a distributed force, from its start to its end, m."""
         knots = self._splines[number].t
         return np.linspace(knots[0], knots[-1], count)
 
     @property
     def arc_length(self) -> Any:
-        """Where the force acts, m, as estimated or given; None: at the tip. Of several unknown loads a list."""
+        """Arc length of the force, m, estimated or given; None at the tip. A list for several unknown loads."""
         places = [unknown.place for unknown in self.numbered.unknown]
         for part in self.case.contacts:
             places[self.numbered.parts.index(part)] = float(self.estimates[part.stop - 1])
@@ -110,18 +115,18 @@ class Solution(Estimated):
 
     @property
     def arc_length_error(self) -> Any:
-        """Its standard deviation, m, where it is estimated; of several a list."""
+        """Standard deviation of an estimated :attr:`arc_length`, m; None if it is given. A list for several."""
         errors = [float(self.deviations[part.start]) for part in self.numbered.where("arc_length")]
         return one_or_all(errors or [None])
 
     @cached_property
     def arc_length_set(self) -> Any:
-        """Where the contact can be: a list of intervals ``(start, end)``, m, that hold its place with 95 % probability.
+        """Confidence set of an unknown place: intervals ``(start, end)``, m, with 95 % probability.
 
-        By profile likelihood: at every place in them the loss, with forces estimated anew, is no more than 1.92 above
-        the least, half the 95 % quantile of chi-square with one degree of freedom (which is meant for the squared
-        loss). Several intervals where measurements do not tell places apart. Of several unknown places a list for each;
-        None where none is unknown. It takes a walk along the tube, some 0.2 s with compiled code.
+        The intervals follow from the profile likelihood. Inside them the loss, with forces estimated again, is at most
+        1.92 above its minimum. This is half the 95 % quantile of chi-square with one degree of freedom, which holds for
+        the squared loss. There are several intervals if the measurements do not distinguish places. Several unknown
+        places give a list for each; None if no place is unknown. The computation takes about 0.2 s with compiled code.
         """
         if not self.case.contacts:
             return None
@@ -131,26 +136,26 @@ class Solution(Estimated):
 
     @cached_property
     def loads(self) -> list[Load]:
-        """The known loads and those estimated, ready for a :class:`~ctr_opt.ForwardProblem`."""
+        """Known and estimated loads, ready for a :class:`~ctr_opt.ForwardProblem`."""
         return self.case.loads_at(self.estimates)
 
     @cached_property
     def shape(self) -> Equilibrium:
-        """The equilibrium under these loads."""
+        """The robot's equilibrium under :attr:`loads`."""
         actuation, z, tubes = self.case.experiment.actuation, self.state.z, len(self.case.robot.tubes)
         guess = self._forward.guess(actuation, self.loads, bending=z[:2], torsional=z[2 : 2 + tubes])
         return self._forward.solve(actuation, self.loads, initial=guess)
 
     @property
     def is_stable(self) -> bool | None:
-        """Whether the shape is stable, where that is defined: a robot that was seen at rest is."""
+        """Whether :attr:`shape` is stable; None if that is not defined. A robot measured at rest should be stable."""
         return self.shape.is_stable
 
     @cached_property
     def alternatives(self) -> list[Self]:
-        """Other solutions that are not much less likely, the likeliest first."""
-        others = [state for state in self.states[1:] if state.cost - self.state.cost < _LIKELY]
-        return [type(self)(self._forward, self.case, [state]) for state in others]
+        """Other solutions that are almost as likely, in order of their loss."""
+        alternatives = [state for state in self.states[1:] if state.cost - self.state.cost < _LIKELY]
+        return [type(self)(self._forward, self.case, [state]) for state in alternatives]
 
     # -- errors ----------------------------------------------------------------------------------------------------
 
@@ -160,22 +165,22 @@ class Solution(Estimated):
 
     @cached_property
     def _scaled(self) -> tuple[Array, Array]:
-        """Information on the loads and the loss's gradient, in their scales; errors of other numbers taken out."""
-        scale, (matrix, gradient) = self.case.search.sought.scale, self._normal.reduced(len(self.estimates))
+        """Information on the loads and gradient of the loss, scaled, with the model errors eliminated."""
+        scale, (matrix, gradient) = self.case.search.unknowns.scale, self._normal.reduced(len(self.estimates))
         return 0.5 * (matrix + matrix.T) * np.outer(scale, scale), gradient * scale
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of the numbers of :attr:`labels`, SI; huge where the measurements say nothing.
+        """Covariance of the numbers of :attr:`labels`, SI; very large where the measurements determine nothing.
 
-        Of normal errors, with those of the calibration and the actuation, if they were given. Where bounds or a surface
-        confine a force, mean squared deviations from the estimate of what is possible and as likely as measured: at an
-        edge a force is not known better for it.
+        It includes the errors of the calibration and the actuation, if they were given. If bounds or a surface confine
+        a force, it holds mean squared deviations from the estimate, over the allowed forces weighted by their
+        likelihood. An active bound does not make the estimate more precise.
         """
         matrix, gradient = self._scaled
         values, vectors = np.linalg.eigh(matrix)
         scaled = np.asarray((vectors / np.maximum(values, BLIND**-2 * 1e-6)) @ vectors.T)
-        scale = self.case.search.sought.scale
+        scale = self.case.search.unknowns.scale
         if self.case.bounded:
             known = values > BLIND**-2
             along = vectors[:, known]
@@ -184,15 +189,16 @@ class Solution(Estimated):
         return scaled * np.outer(scale, scale)
 
     def position(self, s: Any) -> tuple[Array, Array]:
-        """Where the backbone is at arc lengths ``s``: positions ``(..., 3)``, m, and covariances ``(..., 3, 3)``, m^2.
+        """Backbone positions ``(..., 3)``, m, at arc lengths ``s``, and covariances ``(..., 3, 3)``, m^2.
 
-        The errors of the loads move the robot, and those of the calibration and of the actuation, if they were given,
-        to first order: the position is that of :attr:`shape`, which knows nothing of the latter, and what they add.
+        The covariance includes, to first order, the errors of the loads, and those of the calibration and the actuation
+        if they were given. The position is that of :attr:`shape`, corrected for the estimated errors of calibration and
+        actuation.
 
         Raises
         ------
         DefinitionError
-            An arc length that is not on the robot.
+            An arc length is not on the robot.
 
         Examples
         --------
@@ -206,8 +212,8 @@ class Solution(Estimated):
         >>> position.shape, bool(covariance[1, 1] < 1e-8)
         ((3,), True)
         """
-        given = array(s, "s", (None,) * np.ndim(s), unit="m")
-        places = self.shape.shape.inside(given.ravel(), self.shape.length, "the robot")
+        arc_lengths = array(s, "s", (None,) * np.ndim(s), unit="m")
+        places = self.shape.shape.inside(arc_lengths.ravel(), self.shape.length, "the robot")
         seen = PositionMeasurement(places, np.zeros((len(places), 3)), sigma=1.0)
         slopes = self.case.slopes_of(seen, self.state, lambda: self.shape.solved().steps).reshape(len(places), 3, -1)
         k, matrix = len(self.estimates), self._normal.matrix
@@ -216,13 +222,14 @@ class Solution(Estimated):
         covariances = by_loads @ self.covariance @ by_loads.transpose(0, 2, 1)
         covariances += by_errors @ np.linalg.solve(matrix[k:, k:], by_errors.transpose(0, 2, 1))
         positions = self.shape.position(places) + slopes[:, :, k:] @ self.state.e
-        return positions.reshape(*given.shape, 3), np.asarray(covariances.reshape(*given.shape, 3, 3))
+        shape = arc_lengths.shape
+        return positions.reshape(*shape, 3), np.asarray(covariances.reshape(*shape, 3, 3))
 
     @cached_property
     def axes(self) -> Any:
-        """Principal :class:`Axis` of the force's error, the best known first; of several forces a list for each.
+        """Principal axes (:class:`Axis`) of the force's error, the most precise first; a list of them for each force.
 
-        Standard deviations are zero across the normal of a surface without friction.
+        Standard deviations are zero across the normal of a frictionless surface.
         """
         axes = []
         for covariance in self.force_covariance.reshape(-1, 3, 3):
@@ -232,16 +239,16 @@ class Solution(Estimated):
 
     @property
     def characteristic_force(self) -> float:
-        """N: bending stiffness of the innermost tube over the robot's length squared."""
+        """Characteristic force, N: bending stiffness of the innermost tube over the robot's length squared."""
         return float(self.case.robot.tubes[0].bending_stiffness / self.case.search.length**2)
 
     @cached_property
     def undetermined(self) -> list[str]:
-        """What the measurements cannot tell, in words: directions with a standard deviation of ``OPEN`` and more.
+        """Undetermined directions in words: those with a scaled standard deviation above 3.
 
-        Of a distributed force the places where its density along an axis has so large a one, over the length.
+        For a distributed force these are intervals in which its density along an axis is undetermined.
         """
-        scale, whole = self.case.search.sought.scale, np.array(self.numbered.fields) != "density"
+        scale, whole = self.case.search.unknowns.scale, np.array(self.numbered.fields) != "density"
         variances, vectors = np.linalg.eigh((self.covariance / np.outer(scale, scale))[np.ix_(whole, whole)])
         directions = np.zeros((len(variances), len(scale)))
         directions[:, whole] = vectors.T
@@ -253,7 +260,7 @@ class Solution(Estimated):
         return described + [stretch for number in self.distributed for stretch in self._open_stretches(number)]
 
     def _open_stretches(self, number: int) -> list[str]:
-        """Where the density of an unknown load is not known, along each axis."""
+        """Intervals in which the density of an unknown load is undetermined, for each axis."""
         s, unit = self.stretch(number), self.characteristic_force / self.case.search.length
         stretches = []
         for axis, errors in zip("xyz", self.density(s, number)[1].T / unit, strict=True):
@@ -266,11 +273,11 @@ class Solution(Estimated):
         return stretches
 
     def _described(self, vector: Array, deviation: float) -> str:
-        scale = self.case.search.sought.scale
+        scale = self.case.search.unknowns.scale
         vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
-        those = np.flatnonzero(np.abs(vector) > TAKES_PART)
-        names = [self.labels[k] for k in those]
-        what = combination(names, vector[those]) if len(names) > 1 else names[0]
+        moving = np.flatnonzero(np.abs(vector) > TAKES_PART)
+        names = [self.labels[k] for k in moving]
+        what = combination(names, vector[moving]) if len(names) > 1 else names[0]
         forces, unit = [k for k in range(len(vector)) if self.case.forces[k]], "SI"
         if len(self.numbered.where("force")) == 1 and np.linalg.norm(vector[forces]) > 0.99:
             s = self.shape.length if self.arc_length is None else self.arc_length
@@ -281,11 +288,11 @@ class Solution(Estimated):
 
     @cached_property
     def systematic(self) -> list[Systematic]:
-        """The smallest :class:`Systematic` errors of each kind that :attr:`consistent` would show with 95 %.
+        """Systematic model errors (:class:`Systematic`): detectable sizes, and the forces that they mimic.
 
-        And the forces for which they would be mistaken: shifts and tilts of the base, curvatures and stiffnesses of
-        the tubes, to first order and for the squared loss. Those of a calibration or actuation whose errors are
-        counted are mistaken for less.
+        The errors are shifts and tilts of the base, and curvatures and stiffnesses of the tubes. Each has the smallest
+        size that :attr:`consistent` detects with 95 % probability, to first order and for the squared loss. Errors that
+        a given calibration or actuation already includes mimic smaller forces.
 
         Examples
         --------
@@ -304,26 +311,26 @@ class Solution(Estimated):
 
     @cached_property
     def chi_squared(self) -> float:
-        """Sum of the squared residuals over their variances, and of deviations from priors over theirs."""
-        d = self.estimates - self.case.search.sought.prior_mean
-        known = d @ self.case.search.sought.prior_information @ d + self.state.e @ self.state.e
+        """Sum of squared residuals and of squared deviations from priors, each over its variance."""
+        d = self.estimates - self.case.search.unknowns.prior_mean
+        known = d @ self.case.search.unknowns.prior_information @ d + self.state.e @ self.state.e
         return float(self.state.misfit @ self.state.misfit + known)
 
     @cached_property
     def degrees_of_freedom(self) -> int:
-        """Numbers measured, and known by priors, less those estimated."""
+        """Number of measured values and priors, minus the number of estimated values."""
         places = int(free(self.state.places, self.case.search.blocks.orders).any(axis=0).sum())
-        priors = int(np.linalg.matrix_rank(self.case.search.sought.prior_information))
+        priors = int(np.linalg.matrix_rank(self.case.search.unknowns.prior_information))
         ways = self.case.ways(self.state)
         seen = int((np.linalg.eigvalsh(ways.T @ self._scaled[0] @ ways) > BLIND**-2).sum())
         return max(len(self.state.misfit) + priors - places - seen, 0)
 
     @property
     def p_value(self) -> float:
-        """Probability of residuals so large; not a number where nothing is left over."""
+        """Probability of residuals at least this large; not a number without degrees of freedom."""
         return p_value(self.chi_squared, self.degrees_of_freedom)
 
     @property
     def consistent(self) -> bool | None:
-        """Whether the residuals are as small as model and noise say (at 5 %); None where nothing is left over."""
+        """Whether model and noise explain the residuals, at 5 %; None without degrees of freedom."""
         return None if np.isnan(self.p_value) else bool(self.p_value >= CONSISTENT)

@@ -1,4 +1,4 @@
-"""Loads on a robot from a stream of measured shapes: a moving horizon, warm-started, that survives what is missing."""
+"""Loads from a stream of measured shapes: a warm-started moving horizon that tolerates missing samples."""
 
 from __future__ import annotations
 
@@ -19,88 +19,87 @@ from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from .case import Case, extent
-from .estimation import Estimation
+from .estimation import ForceEstimation
 from .numbers import Numbered
 from .reach import unreachable
-from .search import Normal, Search, State
+from .search import Normal, Search, SearchState
 from .streamed import StreamedForce
 from .unknown import UnknownLoad
 from .window import Belief, Sample, Window
 
-_CLOSE = 0.05  # of the moments' size: how far off an equilibrium a search may begin and not be blamed for it
-_HARDLY = 0.9  # of misfits: where so much is left, to first order, no loads lead on
-_PATIENCE = 30  # steps with misfits beyond an outlier's, of all searches for the loads in a sample
-_ARRIVED = 1e-3  # standard deviations of the loads: samples are linearized anew from a hundredth on
-_OPEN = 1e3  # characteristic sizes: standard deviation, to begin with, of numbers of which nothing is known
+_CLOSE = 0.05  # of the moments' size: a start closer to equilibrium than this is not why a search fails
+_HARDLY = 0.9  # of misfits: if the best loads leave more, to first order, the search is hopeless
+_PATIENCE = 30  # steps beyond the outlier threshold, over all searches of one sample
+_ARRIVED = 1e-3  # standard deviations of the loads: the window linearizes again from a hundredth on
+_OPEN = 1e3  # characteristic sizes: initial standard deviation of numbers without a prior
 
 
 class ForceEstimator:
-    """Follow the loads on a robot, sample by sample.
+    """Estimate the loads on a robot sample by sample, with a moving horizon.
 
-    The loads sought walk randomly, ``x(t + h) = x(t) + drift sqrt(h) n`` with standard normal ``n``. The last samples
-    are estimated together, by Gauss-Newton steps; what earlier ones told is kept as a normal distribution, so that
-    memory and time do not grow. Where everything is linear this is the Kalman filter.
+    The unknown loads follow a random walk, ``x(t + h) = x(t) + drift sqrt(h) n`` with standard normal ``n``. The last
+    samples are estimated together by Gauss-Newton steps. Earlier samples are summarized by a normal distribution, so
+    that memory and time per sample stay constant. For a linear problem this is the Kalman filter.
 
     Parameters
     ----------
     robot
         The robot, calibrated.
     unknown
-        What is sought, as in :class:`~ctr_opt.ForceEstimationProblem`.
+        The unknown loads, as in :class:`~ctr_opt.ForceEstimationProblem`.
     rate
-        Samples in a second, Hz: where updates do not tell their time.
+        Sampling rate, Hz, for updates without a time.
     drift
-        How the loads change: standard deviation after a second, growing with the square root of time. A number: of
-        forces, N/sqrt(s); or by field, ``{"force": 0.1, "moment": 1e-3}``, a number or one for each component, N, N m,
-        or for an ``"arc_length"`` m, over sqrt(s).
+        Standard deviation of the loads' change after one second; it grows with the square root of time. A number is
+        for forces, N/sqrt(s). A mapping gives each field, ``{"force": 0.1, "moment": 1e-3}``, a number or one for each
+        component: forces in N/sqrt(s), moments in N m/sqrt(s), ``"arc_length"`` in m/sqrt(s).
     horizon
-        How many samples are estimated together.
+        Number of samples that are estimated together.
     prior
-        Of forces, to begin with, as in :class:`~ctr_opt.ForceEstimationProblem`.
+        Initial mean and standard deviation of forces, N, as in :class:`~ctr_opt.ForceEstimationProblem`.
     fit
-        The calibration that the robot is from: the errors of its parameters are counted among those of the loads.
+        The calibration of the robot. The covariance of the loads then includes the errors of its parameters.
     rotation_sigma, translation_sigma
-        Standard deviations of the given actuation, the same error in all samples: numbers or one for each tube, rad and
-        m. Default: it is exact.
+        Standard deviations of the actuation, rad and m: a number, or one for each tube. The error is the same in all
+        samples. Default: the actuation is exact.
     outlier
-        Standard deviations, root mean square over a sample: one that is farther from every shape that the loads can
-        give is left out.
+        Root-mean-square misfit, standard deviations, above which a sample is left out because no loads explain it.
     loss, tolerance, compiled
-        As in :class:`~ctr_opt.ForceEstimationProblem`.
+        Loss, tolerance and use of compiled code, as in :class:`~ctr_opt.ForceEstimationProblem`.
 
     Attributes
     ----------
     counts
-        How many samples were ``"used"``, ``"late"``, ``"dropped"``, ``"too late"``, ``"left out"``.
+        Number of samples by status: ``"used"``, ``"late"``, ``"dropped"``, ``"too late"``, ``"left out"``.
 
     Raises
     ------
     DefinitionError
-        Names the field, the value and what is allowed.
+        The message names the field, the value and what is allowed.
     EstimationError
-        The fit leaves parameters of the robot open.
+        The fit does not determine all parameters of the robot.
 
     Notes
     -----
     Errors of the actuation and of the calibration do not change from sample to sample. They are estimated with the
-    samples of the horizon; what older ones told of them is not used, so that covariances stay as large as they leave
-    them (Schmidt's filter).
+    samples of the horizon. Information of older samples about them is discarded, so that covariances stay conservative
+    (Schmidt's filter).
 
     Examples
     --------
-    A rod that is pushed harder and harder, with a sample missing:
+    A rod under a growing force, with one missing sample:
 
     >>> import ctr_opt as ctr
     >>> rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.1, 10.0), youngs_modulus=60e9, poisson_ratio=0.3)])
     >>> held, stream = ctr.Actuation([0.0], [0.0]), ctr.ForceEstimator(rod, [ctr.TipForce()], rate=100.0, drift=1.0)
     >>> for push in (0.1, 0.12, None, 0.16):
     ...     if push is None:
-    ...         found = stream.update(held)
+    ...         load = stream.update(held)
     ...         continue
     ...     shape = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([push, 0.0, 0.0])])
     ...     seen = ctr.PositionMeasurement([0.05, 0.1], shape.position([0.05, 0.1]), sigma=1e-5)
-    ...     found = stream.update(held, seen)
-    >>> bool(abs(found.force[0] - 0.16) < 1e-3), found.time, found.samples, stream.counts["dropped"]
+    ...     load = stream.update(held, seen)
+    >>> bool(abs(load.force[0] - 0.16) < 1e-3), load.time, load.samples, stream.counts["dropped"]
     (True, 0.03, 3, 1)
     """
 
@@ -121,7 +120,7 @@ class ForceEstimator:
         tolerance: float = 1e-7,
         compiled: bool | None = None,
     ) -> None:
-        self._estimation = Estimation(
+        self._estimation = ForceEstimation(
             robot, unknown, prior, loss, rotation_sigma, translation_sigma, tolerance, compiled
         )
         self.robot = robot
@@ -146,24 +145,30 @@ class ForceEstimator:
         time: float | None = None,
         loads: Sequence[Load] = (),
     ) -> StreamedForce:
-        """Take another sample; whatever becomes of it, tell what is known of the loads.
+        """Process one sample and return the current estimate of the loads.
 
         Parameters
         ----------
         actuation
-            Of the robot when it was measured; if the fit estimated homes of the joints, by ``fit.actuation``.
+            Actuation during the measurement; from ``fit.actuation`` if the fit estimated homes of the joints.
         measurements
-            Any mix, each with its ``sigma``; None or an empty list: the sample was dropped.
+            One measurement or a list of any kinds, each with its ``sigma``. None or an empty list: the sample was
+            dropped.
         time
-            When it was measured, s; default: a period of ``rate`` after the newest.
+            Time of the measurement, s. Default: one period of ``rate`` after the newest sample.
         loads
-            Loads that are known.
+            Known loads, such as gravity.
+
+        Returns
+        -------
+        StreamedForce
+            Estimate at the newest time, also if the sample was dropped or left out.
 
         Raises
         ------
         DefinitionError
-            A wrong call: another robot's actuation, or one without the homes of the fit, a measurement beyond the
-            tip, a time that is no number. The estimator is as it was before.
+            An argument is invalid: the actuation does not fit the robot or lacks the homes of the fit, a measurement is
+            beyond the tip, or the time is not a number. The estimator is unchanged.
         """
         time = self._time(time)
         if self._homes is not None:
@@ -182,15 +187,15 @@ class ForceEstimator:
             self._window.add(sample)
         self._clock = time if self._clock is None else max(time, self._clock)
         self.counts[status] += 1
-        return self._told(self._clock, status, None if sample is None else sample.state)
+        return self._result(self._clock, status, None if sample is None else sample.state)
 
-    def _time(self, given: float | None) -> float:
-        if given is not None:
-            return number(given, "time", unit="s")
+    def _time(self, time: float | None) -> float:
+        if time is not None:
+            return number(time, "time", unit="s")
         return 0.0 if self._clock is None else self._clock + 1.0 / self.rate
 
     def _case(self, actuation: Actuation, measurements: Any, loads: Sequence[Load]) -> Case | None:
-        """What is sought and seen; None where nothing is seen."""
+        """The case of one sample; None without measurements."""
         if measurements is None or (isinstance(measurements, Sequence) and not measurements):
             return None
         experiment, options = self._estimation.experiment(actuation, measurements, loads), self._estimation.options
@@ -199,7 +204,7 @@ class ForceEstimator:
     # -- one sample ------------------------------------------------------------------------------------------------
 
     def _sample(self, case: Case, time: float) -> Sample | None:
-        """The loads that explain a sample, with what was predicted; None where none do."""
+        """The sample with the loads that explain it, given the prediction; None if no loads do."""
         predicted = self._window.predicted(time)
         free = self._free(case)
         information = np.linalg.inv(predicted.covariance) / np.outer(self._unit, self._unit)
@@ -212,20 +217,20 @@ class ForceEstimator:
                 state = self._jumped(expected.search, free.search, before)
                 if state is None:
                     return None
-        state = state or self._anew(expected)
+        state = state or self._restarted(expected)
         if state is None or self._wild(free.search, state):
             return None
         nothing = _knowing(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
         return Sample.of(time, case.experiment.actuation, nothing.search, self._unit, state)
 
     def _free(self, case: Case) -> Case:
-        """The search for loads of which nothing is known, given up where none explain a sample."""
+        """A search without prior, which stops early if no loads can explain the sample."""
         k = self._loads
-        sought = attrs.evolve(case.search.sought, prior_mean=np.zeros(k), prior_information=np.zeros((k, k)))
-        search = attrs.evolve(case.search, sought=sought)
+        unknowns = attrs.evolve(case.search.unknowns, prior_mean=np.zeros(k), prior_information=np.zeros((k, k)))
+        search = attrs.evolve(case.search, unknowns=unknowns)
         based, steps = not self._errors.count, count()
 
-        def hopeless(state: State) -> bool:
+        def hopeless(state: SearchState) -> bool:
             off = _off(state)
             if off <= self.outlier:
                 return False
@@ -237,15 +242,15 @@ class ForceEstimator:
 
         return attrs.evolve(case, search=attrs.evolve(search, hopeless=hopeless, arrived=_ARRIVED))
 
-    def _jumped(self, expected: Search, free: Search, before: State) -> State | None:
-        """By way of the loads that explain a sample best, whatever was predicted."""
+    def _jumped(self, expected: Search, free: Search, before: SearchState) -> SearchState | None:
+        """Search via the loads that explain the sample best without the prediction."""
         near = free.solve(before.z, before.x, before.places)
         if near is None or _off(near) > self.outlier:
             return None
         return expected.solve(near.z, near.x, near.places) or expected.at(near.z, near.x, near.places, near.e)
 
-    def _anew(self, case: Case) -> State | None:
-        """From the shape under the loads that were predicted or, failing that, as if it were the first sample."""
+    def _restarted(self, case: Case) -> SearchState | None:
+        """Search from the shape under the predicted loads; if that fails, as for a first sample."""
         try:
             if self._window.samples:
                 shape = self._estimation.shape(case, case.start)
@@ -256,14 +261,14 @@ class ForceEstimator:
         except (SolveError, EstimationError):
             return None
 
-    def _wild(self, free: Search, state: State) -> bool:
-        """Whether a sample is off whatever the loads, those included that nobody would expect."""
+    def _wild(self, free: Search, state: SearchState) -> bool:
+        """Whether a sample is an outlier for all loads, however unlikely."""
         if _off(state) <= self.outlier:
             return False
-        found = free.solve(state.z, state.x, state.places)
-        return found is None or _off(found) > self.outlier
+        best = free.solve(state.z, state.x, state.places)
+        return best is None or _off(best) > self.outlier
 
-    def _told(self, time: float, status: str, state: State | None) -> StreamedForce:
+    def _result(self, time: float, status: str, state: SearchState | None) -> StreamedForce:
         window, k = self._window, self._loads
         belief, unit = window.predicted(time), self._unit[:k]
         return StreamedForce(
@@ -274,21 +279,21 @@ class ForceEstimator:
             belief.covariance[:k, :k] * np.outer(unit, unit),
             np.nan if state is None else 2.0 * state.cost,
             0 if state is None else len(state.misfit) - len(state.places),
-            np.array([each.time for each in window.samples]),
+            np.array([sample.time for sample in window.samples]),
             np.reshape(window.means, (-1, len(self._unit)))[:, :k] * unit,
             self._numbered,
         )
 
 
 def _followed(unknown: tuple[UnknownLoad, ...]) -> tuple[UnknownLoad, ...]:
-    """Unknown loads that a stream can follow: those of as many numbers in every sample."""
-    for k, each in enumerate(unknown):
-        if not each.steady:
-            raise DefinitionError(f"unknown[{k}] = {each!r} cannot be followed: it must be a force or a wrench")
-        if each.cone is not None:
-            raise DefinitionError(f"unknown[{k}].friction = {each.cone[1]:g} cannot be followed: it must be None")
-        if each.bounds is not None:
-            raise DefinitionError(f"unknown[{k}].bounds = {each.bounds!r} cannot be kept in a stream: give a prior")
+    """Check that a stream can follow the unknown loads: steady numbers, no friction, no bounds."""
+    for k, load in enumerate(unknown):
+        if not load.steady:
+            raise DefinitionError(f"unknown[{k}] = {load!r} is not supported in a stream; use a force or a wrench")
+        if load.cone is not None:
+            raise DefinitionError(f"unknown[{k}].friction = {load.cone[1]:g} is not supported in a stream; use None")
+        if load.bounds is not None:
+            raise DefinitionError(f"unknown[{k}].bounds = {load.bounds!r} is not supported in a stream; give a prior")
     return unknown
 
 
@@ -299,18 +304,18 @@ def _count(horizon: Any) -> int:
 
 
 def _knowing(case: Case, mean: Array, information: Array) -> Case:
-    """A case with such knowledge of loads and errors together."""
-    sought, k = case.search.sought, len(case.search.sought.scale)
-    sought = attrs.evolve(
-        sought, prior_mean=mean[:k], prior_information=information[:k, :k], together=(mean, information)
+    """The case with a joint prior of loads and errors."""
+    unknowns, k = case.search.unknowns, len(case.search.unknowns.scale)
+    unknowns = attrs.evolve(
+        unknowns, prior_mean=mean[:k], prior_information=information[:k, :k], together=(mean, information)
     )
-    return attrs.evolve(case, search=attrs.evolve(case.search, sought=sought))
+    return attrs.evolve(case, search=attrs.evolve(case.search, unknowns=unknowns))
 
 
-def _well_begun(case: Case, before: State) -> bool:
-    """Whether the sample before was so close to this equilibrium that no other start would lead further.
+def _well_begun(case: Case, before: SearchState) -> bool:
+    """Whether the previous sample is so close to this equilibrium that another start cannot help.
 
-    Never where places are estimated: of contacts, or of points, which need not be those of the sample before.
+    Never if places of contacts or points are estimated: they may differ from those of the previous sample.
     """
     if case.contacts or case.search.blocks.places:
         return False
@@ -318,13 +323,13 @@ def _well_begun(case: Case, before: State) -> bool:
     return at is not None and at.off < _CLOSE
 
 
-def _off(state: State) -> float:
+def _off(state: SearchState) -> float:
     """Root mean square of the misfits, as the loss counts them, standard deviations."""
     return float(np.sqrt(state.weights @ state.misfit**2 / len(state.misfit)))
 
 
-def _left(free: Search, state: State) -> float:
-    """What any loads would leave of the misfits, to first order: root mean square, as the loss counts them."""
+def _left(free: Search, state: SearchState) -> float:
+    """Root mean square of the misfits that the best loads leave, to first order, as the loss counts them."""
     normal = Normal.of(free, state)
     won = -float(normal.gradient @ np.concatenate(normal.step(state, 0.0)))
     known = float(state.weights @ state.misfit**2 + state.e @ state.e)
@@ -332,12 +337,12 @@ def _left(free: Search, state: State) -> float:
 
 
 def _before(numbered: Numbered, unit: Array) -> Belief:
-    """What is known before the first sample, in units."""
+    """The belief before the first sample, in units."""
     mean, information = np.zeros(len(unit)), np.zeros((len(unit), len(unit)))
     errors = slice(len(numbered.labels), len(unit))
     information[errors, errors] = np.eye(len(unit))[errors, errors]
-    for part, each in zip(numbered.parts, numbered.unknown, strict=True):
-        known = each.known_before
+    for part, load in zip(numbered.parts, numbered.unknown, strict=True):
+        known = load.known_before
         if known is not None:
             mean[part], information[part, part] = known.mean, known.information
     information = information * np.outer(unit, unit)
@@ -346,14 +351,14 @@ def _before(numbered: Numbered, unit: Array) -> Belief:
     return Belief(mean / unit, covariance, len(unit) - len(numbered.labels))
 
 
-def _drift(given: Any, numbered: Numbered) -> Array:
-    """Standard deviations after a second, SI."""
-    fields = {number.field: number.size for each in numbered.unknown for number in each.sought}
+def _drift(drift: Any, numbered: Numbered) -> Array:
+    """Standard deviations after one second, SI."""
+    fields = {number.field: number.size for load in numbered.unknown for number in load.sought}
     forces = [field for field in fields if field.endswith("force")]
-    by_field = given if isinstance(given, Mapping) else dict.fromkeys(forces, given)
+    by_field = drift if isinstance(drift, Mapping) else dict.fromkeys(forces, drift)
     if set(by_field) != set(fields):
-        raise DefinitionError(f"drift = {given!r} must tell that of {' and '.join(fields)}: a mapping of these")
-    found = np.empty(len(numbered.labels))
+        raise DefinitionError(f"drift = {drift!r} must be a mapping with the keys {' and '.join(fields)}")
+    deviations = np.empty(len(numbered.labels))
     for field, size in fields.items():
         value = np.broadcast_to(
             array(by_field[field], f"drift[{field!r}]", (None,) * np.ndim(by_field[field])), (size,)
@@ -361,5 +366,5 @@ def _drift(given: Any, numbered: Numbered) -> Array:
         if not (value > 0.0).all():
             raise DefinitionError(f"drift[{field!r}] = {by_field[field]!r} must be positive")
         for part in numbered.where(field):
-            found[part] = value
-    return found
+            deviations[part] = value
+    return deviations

@@ -1,4 +1,4 @@
-"""What is known of the loads on a robot at one time of a stream."""
+"""Loads on a robot at one time of a stream."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ class StreamedForce(Estimated):
     Attributes
     ----------
     time
-        For which it stands, s: that of the newest sample, dropped ones included.
+        Time of the estimate, s: that of the newest sample, dropped samples included.
     status
-        What became of the sample: ``"used"``; ``"late"``: sorted in among earlier ones; ``"dropped"``: there was
-        nothing to see; ``"too late"``: older than the horizon, kept out; ``"left out"``: no load explains it.
+        Use of the sample. ``"used"``; ``"late"``: inserted among earlier samples; ``"dropped"``: without measurements;
+        ``"too late"``: older than the horizon, not used; ``"left out"``: no loads explain it.
     labels
-        A name for each number: the rows and columns of :attr:`covariance`.
+        One label for each number: the rows and columns of :attr:`covariance`.
     estimates, covariance
-        Of all numbers, SI, ``(k,)`` and ``(k, k)``: by all samples up to ``time``.
+        Estimates ``(k,)`` and covariance ``(k, k)`` of all numbers, SI, from all samples up to ``time``.
     chi_squared, degrees_of_freedom
-        Of the innovation: the squared distances of this sample from what was predicted, over their covariance. Not a
-        number and zero where the sample was not used.
+        Normalized innovation squared: the squared distance of this sample from its prediction over the covariance. Not
+        a number and zero if the sample was not used.
     window_times, window_estimates
-        Times of the samples in the horizon, s, ``(n,)``, and the numbers then, ``(n, k)``, by those after them, too.
+        Times of the samples in the horizon, s, ``(n,)``, and smoothed estimates then, ``(n, k)``, SI.
     """
 
     time: float
@@ -44,12 +44,12 @@ class StreamedForce(Estimated):
 
     @property
     def samples(self) -> int:
-        """How many samples are in the horizon."""
+        """Number of samples in the horizon."""
         return len(self.window_times)
 
     @property
     def p_value(self) -> float:
-        """Probability of an innovation so large; not a number where there is none."""
+        """Probability of an innovation at least this large; not a number if the sample was not used."""
         return p_value(self.chi_squared, self.degrees_of_freedom)
 
     def __repr__(self) -> str:

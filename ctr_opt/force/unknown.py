@@ -1,6 +1,6 @@
-"""Loads that are unknown: forces and wrenches at the tip or along a tube, as loads and as numbers to be estimated.
+"""Unknown loads: forces and wrenches at the tip or along a tube, as loads and as numbers to estimate.
 
-An unknown load says which loads stand for it, which of their numbers are unknown, and what is known of them before.
+An unknown load defines the loads that represent it in the model, which of their numbers are unknown, and their prior.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from ..loads.point import PointWrench
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-_INSIDE = 1e-6  # of a robot's length: contacts are looked for between a tube's ends
+_INSIDE = 1e-6  # of a robot's length: the search keeps contacts this far from a tube's ends
 
 
 def _normal(value: Any) -> tuple[float, ...] | None:
     if value is None:
         return None
-    given = array(value, "normal", (3,))
-    if not given.any():
+    normal = array(value, "normal", (3,))
+    if not normal.any():
         raise DefinitionError("normal = [0, 0, 0] has no direction")
-    return tuple((given / np.linalg.norm(given)).tolist())
+    return tuple((normal / np.linalg.norm(normal)).tolist())
 
 
 _PRIOR = {"mean": Entry("N", (3,), scalar_too=True), "sigma": Entry("N", (3,), scalar_too=True)}
@@ -43,11 +43,11 @@ _WRENCH_PRIOR = {
 }
 _PLACE_PRIOR = {"mean": Entry("m"), "sigma": Entry("m")}
 IN_FILES = {"prior?": _PRIOR, "bounds?": Entry("N", (2,)), "between?": Entry("m", (2,))}
-"""What files say of forces beside their entries."""
+"""File entries of forces that :class:`UnknownLoad` checks itself."""
 
 
 def _with_priors(kind: Any, **values: Any) -> Any:
-    """An unknown load whose priors are tables: mean and standard deviation, of a wrench those of force and moment."""
+    """Build an unknown load from file tables of priors; a wrench has separate priors of force and moment."""
     for name in values.keys() & {"prior", "place_prior"}:
         prior = values[name]
         if "mean" not in prior:
@@ -61,14 +61,14 @@ def _with_priors(kind: Any, **values: Any) -> Any:
 
 @attrs.frozen(eq=False)
 class Gaussian:
-    """A normal distribution: mean ``(n,)`` and inverse covariance ``(n, n)``, zero where nothing is known."""
+    """A normal distribution: mean ``(n,)`` and inverse covariance ``(n, n)``, which may be singular."""
 
     mean: Array
     information: Array
 
     @classmethod
     def of(cls, given: Any, field: str, size: int) -> Gaussian | None:
-        """From a pair of mean and standard deviation: numbers, one for each component, or a covariance."""
+        """The distribution from a pair: mean, and standard deviation (one or one for each component) or covariance."""
         if given is None:
             return None
         if not isinstance(given, (tuple, list)) or len(given) != 2:
@@ -86,16 +86,16 @@ class Gaussian:
 
 
 def _numbers(value: Any, field: str, size: int) -> Array:
-    """One number for all components, or one for each."""
+    """Components from one number for all, or one for each."""
     return np.full(size, number(value, field)) if np.ndim(value) == 0 else array(value, field, (size,))
 
 
 def limits(given: Any, field: str, size: int, least: float = -np.inf) -> tuple[Array, Array]:
-    """Bounds ``(size,)`` from a pair: numbers, one for each component, or None, open; ``least``: none is below."""
+    """Bounds ``(size,)`` from a pair of numbers, arrays or None (open); no bound may be below ``least``."""
     if given is None:
         return np.full(size, least), np.full(size, np.inf)
     if not isinstance(given, (tuple, list)) or len(given) != 2:
-        raise DefinitionError(f"{field} = {given!r} must be a pair: the least and the most, None where it is open")
+        raise DefinitionError(f"{field} = {given!r} must be a pair (least, most); None leaves a side open")
     lower = np.full(size, least) if given[0] is None else _numbers(given[0], f"{field}: the least", size)
     upper = np.full(size, np.inf) if given[1] is None else _numbers(given[1], f"{field}: the most", size)
     if not (lower < upper).all() or (lower < least).any():
@@ -106,7 +106,7 @@ def limits(given: Any, field: str, size: int, least: float = -np.inf) -> tuple[A
 
 @attrs.frozen
 class UnknownNumbers:
-    """Numbers of a load that are unknown: which of the unknown's loads, which field, how many, and names for them."""
+    """Unknown numbers of one load: index of the load, field, count and labels."""
 
     load: int
     field: str
@@ -115,10 +115,11 @@ class UnknownNumbers:
 
 
 class UnknownLoad(Checked):
-    """An unknown load: a kind says which loads stand for it and which of their numbers are unknown.
+    """Base of all unknown loads.
 
-    What stands here is right for a kind whose numbers the model takes as they are, its force first, with a prior and
-    bounds of them all. ``in_file`` holds what files may say of it beside the ``entries`` by which it is checked.
+    A kind defines the loads that represent it and which of their numbers are unknown. The defaults suit a kind whose
+    numbers enter the model unchanged, the force first, with one prior and one pair of bounds for all. ``in_file`` holds
+    file entries beyond the checked ``entries``.
     """
 
     __slots__ = ()
@@ -126,11 +127,11 @@ class UnknownLoad(Checked):
     entries = described()
     in_file: ClassVar[Mapping[str, Any]] = {}
     size: ClassVar[int] = 3
-    """How many numbers its prior and its bounds are of."""
+    """Count of numbers that prior and bounds refer to."""
     force_prior: ClassVar[bool] = True
-    """Whether the problem's prior of forces is meant for it, too."""
+    """Whether the problem's prior of forces applies to it."""
     steady: ClassVar[bool] = True
-    """Whether it has the same numbers in every sample of a stream, so that they can be followed."""
+    """Whether it has the same numbers in every sample of a stream, so that a stream can follow it."""
     tube: Any
     prior: Any
     bounds: Any
@@ -141,104 +142,104 @@ class UnknownLoad(Checked):
 
     @classmethod
     def tables(cls) -> tuple[Table]:
-        """The table of files that describes it."""
+        """The file table of this kind."""
         return (Table(cls.kind, {**cls.in_files(), **cls.in_file}, partial(_with_priors, cls)),)
 
     def choices(self, alone: bool) -> Sequence[tuple[UnknownLoad, ...]]:  # noqa: ARG002
-        """The unknown loads that may stand for it, the likeliest of which counts; ``alone``: beside no others."""
+        """Alternative sets of unknown loads, of which the likeliest is chosen; ``alone``: there are no other loads."""
         return ((self,),)
 
     def loads(self) -> list[Load]:
-        """The loads that stand for it, at their start."""
+        """The loads that represent it in the model, at their start values."""
         raise NotImplementedError
 
     @property
     def sought(self) -> Sequence[UnknownNumbers]:
-        """The numbers that are unknown, in their order; an unknown place is the last."""
+        """The unknown numbers, in their order; an unknown place is the last."""
         raise NotImplementedError
 
     @property
     def somewhere(self) -> bool:
-        """Whether its place is unknown."""
+        """Whether the place of the load is unknown."""
         return any(number.field == "arc_length" for number in self.sought)
 
     @property
     def taken(self) -> Sequence[tuple[int, str]]:
-        """Which fields of which of its loads the model takes, in their order."""
+        """The load fields that the model reads, as (load, field), in their order."""
         return [(number.load, number.field) for number in self.sought]
 
     @property
     def mixing(self) -> Array:
-        """The numbers that the model takes, by those that are unknown."""
+        """Matrix from the unknown numbers to the numbers that the model reads."""
         return np.eye(sum(number.size for number in self.sought))
 
     @property
     def resultant(self) -> Array:
-        """The total force ``(3, numbers)``, by those that are unknown."""
+        """Matrix ``(3, numbers)`` from the unknown numbers to the total force."""
         return np.eye(3, len(self.mixing))
 
     @property
     def known_before(self) -> Gaussian | None:
-        """What is known of them before anything was measured."""
+        """The prior of the unknown numbers; None: nothing is known."""
         return Gaussian.of(self.prior, "prior", self.size)
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """Their bounds, infinite where they are open."""
+        """Bounds of the unknown numbers, infinite if open."""
         return limits(self.bounds, "bounds", self.size)
 
     def limits_on(self, ends: Ends) -> tuple[Array, Array]:  # noqa: ARG002
-        """Their bounds on a robot whose tubes end there."""
+        """Bounds of the unknown numbers on a robot with tube ends ``ends``."""
         return self.limits
 
     def placed(self, ends: Ends) -> Self:  # noqa: ARG002
-        """The load on a robot whose tubes end there."""
+        """The load placed on a robot with tube ends ``ends``."""
         return self
 
     @property
     def place(self) -> float | None:
-        """Where it acts: an arc length, m, or None: the tip, no one place, or an unknown one."""
+        """Arc length at which the load acts, m; None at the tip, along an interval, or if unknown."""
         return None
 
     @property
     def cone(self) -> tuple[Array, float] | None:
-        """The normal ``(3,)`` and Coulomb's coefficient of a cone in which its force is."""
+        """Normal ``(3,)`` and Coulomb coefficient of the friction cone; None without friction."""
         return None
 
     @property
     def spline(self) -> BSpline[np.float64] | None:
-        """Of a distributed force: the basis of its density, ``(coefficients,)`` at a place."""
+        """Basis of a distributed force's density, ``(coefficients,)`` at an arc length; None for other loads."""
         return None
 
     @property
     def roughness(self) -> Array | None:
-        """Of a distributed force: the integral of ``|f''|^2`` as a quadratic form of its numbers."""
+        """Quadratic form of ``integral |f''|^2`` of a distributed force; None for other loads."""
         return None
 
     @property
     def roughly(self) -> bool:
-        """Whether the weight of its roughness is to be estimated, too."""
+        """Whether the weight of the smoothness prior must be estimated."""
         return False
 
     def check_scale(self, scale: Array, field: str) -> None:
-        """Raise ``DefinitionError`` for what cannot be computed with numbers of this ``scale``."""
+        """Raise ``DefinitionError`` if numbers of this ``scale`` make the computation inaccurate."""
 
 
 def vector(name: str) -> tuple[str, ...]:
-    """Labels of its components."""
+    """Labels of a vector's components."""
     return tuple(f"{name}.{axis}" for axis in "xyz")
 
 
 @attrs.frozen
 class _AtTip(UnknownLoad):
-    """What acts at the tip, on the innermost tube there once the robot is known."""
+    """An unknown load at the tip, on the innermost tube there."""
 
     tube: int = attrs.field(default=0, init=False, eq=False, repr=False)
     prior: Any = None
     bounds: Any = None
 
     def placed(self, ends: Ends) -> Self:
-        """At the end of the innermost tube at the tip."""
+        """The load on the innermost tube at the tip."""
         tube = ends.innermost()
         if tube == self.tube:
             return self
@@ -249,15 +250,16 @@ class _AtTip(UnknownLoad):
 
 @attrs.frozen
 class TipForce(_AtTip):
-    """A force at the tip, world frame.
+    """An unknown force at the tip, world frame.
 
     Parameters
     ----------
     prior
-        Mean and standard deviation, N, known before the measurements: numbers, one for each axis, or a covariance
-        ``(3, 3)`` in the place of the deviation. Default: nothing is known.
+        Mean and standard deviation, N: numbers, or one for each axis. A covariance ``(3, 3)`` may replace the standard
+        deviation. Default: no prior.
     bounds
-        The least and the most, N: numbers, or one for each axis; None: open. They hold exactly.
+        The least and the largest value, N: numbers, or one for each axis; None leaves a side open. The estimate
+        satisfies them exactly.
 
     Examples
     --------
@@ -269,25 +271,25 @@ class TipForce(_AtTip):
     in_file: ClassVar[Mapping[str, Any]] = {name: IN_FILES[name] for name in ("prior?", "bounds?")}
 
     def loads(self) -> list[Load]:
-        """A point force."""
+        """A point force at the tip."""
         return [PointWrench(force=np.zeros(3), tube=self.tube)]
 
     @property
     def sought(self) -> tuple[UnknownNumbers, ...]:
-        """The force."""
+        """The three components of the force."""
         return (UnknownNumbers(0, "force", 3, vector("force")),)
 
 
 @attrs.frozen
 class TipWrench(_AtTip):
-    """A force and a moment at the tip, world frame; the moment acts on the innermost tube.
+    """An unknown force and moment at the tip, world frame; the moment acts on the innermost tube.
 
     Parameters
     ----------
     prior
-        Mean and standard deviation: numbers ``(6,)``, N and N m, or a covariance ``(6, 6)``.
+        Mean and standard deviation ``(6,)``, N and N m. A covariance ``(6, 6)`` may replace the standard deviation.
     bounds
-        The least and the most ``(6,)``, N and N m; None: open.
+        The least and the largest value ``(6,)``, N and N m; None leaves a side open.
 
     Examples
     --------
@@ -300,46 +302,47 @@ class TipWrench(_AtTip):
     size = 6
 
     def loads(self) -> list[Load]:
-        """A point wrench."""
+        """A point wrench at the tip."""
         return [PointWrench(force=np.zeros(3), moment=np.zeros(3), tube=self.tube)]
 
     @property
     def sought(self) -> tuple[UnknownNumbers, ...]:
-        """Force and moment."""
+        """The components of force and moment."""
         return UnknownNumbers(0, "force", 3, vector("force")), UnknownNumbers(0, "moment", 3, vector("moment"))
 
 
 @attrs.frozen
 class PointForce(UnknownLoad):
-    """A force at a place along a tube, world frame: a contact.
+    """An unknown contact force at one place along a tube, world frame.
 
     Parameters
     ----------
     arc_length
-        Where, m from the entry point; None: unknown, to be estimated.
+        Place of the force, m from the entry point. None: the place is unknown and estimated.
     tube
-        The tube that is pressed.
+        Number of the tube in contact.
     prior
-        Of the force, N, as for :class:`TipForce`.
+        Mean and standard deviation of the force, N, as for :class:`TipForce`.
     normal
-        ``(3,)``, the direction in which a surface can push the robot, world frame, of any length: the force is
-        then no pull. None: it may be any.
+        Direction ``(3,)`` in which a surface pushes the robot, world frame, of any length. The force cannot pull.
+        None: any direction is possible.
     friction
-        Coulomb's coefficient ``mu``, with a normal and a known place: the force across the normal is at most ``mu``
-        times that along it. None: none, the force is along the normal.
+        Coulomb coefficient ``mu``; requires a normal and a known place. The force across the normal is at most ``mu``
+        times the force along it. None: no friction, so that the force is along the normal.
     bounds
-        Of the force, as for :class:`TipForce`; of the push along a normal two numbers. Not with friction.
+        Bounds of the force, as for :class:`TipForce`; with a normal, two numbers for the push along it. Not allowed
+        with friction.
     between
-        Where an unknown place can be: the least and the most, m.
+        The least and the largest arc length of an unknown place, m.
     place_prior
-        Mean and standard deviation of an unknown place, m, known before.
+        Mean and standard deviation of an unknown place, m.
 
     Notes
     -----
-    Both hold exactly. Without friction the one number sought is the normal force, bounded by zero. With friction, where
-    the force is outside the cone without it, that of least loss on the cone's surface is taken. Covariances are mean
-    squared deviations of the forces that are possible, as likely as measured, from the estimate: a force at an edge of
-    what is possible is not known better for it.
+    The estimate satisfies the normal and the friction cone exactly. Without friction the only unknown is the normal
+    force, which is at least zero. With friction, an estimate outside the cone is replaced by the force of least loss
+    on the cone's surface. Covariances are mean squared deviations from the estimate, over the allowed forces weighted
+    by their likelihood. An active bound does not make the estimate more precise.
 
     Examples
     --------
@@ -366,24 +369,24 @@ class PointForce(UnknownLoad):
         _ = self.known_before
         for field in ("between", "place_prior"):
             if getattr(self, field) is not None and self.arc_length is not None:
-                raise DefinitionError(f"{field} = {getattr(self, field)!r} is for an unknown place, not for arc_length")
+                raise DefinitionError(f"{field} = {getattr(self, field)!r} is only for an unknown place (arc_length)")
         if self.friction is not None and self.bounds is not None:
             raise DefinitionError(f"bounds = {self.bounds!r} cannot be given with friction")
         if self.friction is not None and (self.normal is None or self.arc_length is None):
-            raise DefinitionError(f"friction = {self.friction:g} needs a normal and the place, arc_length")
+            raise DefinitionError(f"friction = {self.friction:g} requires normal and arc_length")
 
     def loads(self) -> list[Load]:
-        """A point force, for now at the entry where nobody knows the place."""
+        """A point force; an unknown place starts at the entry point."""
         return [PointWrench(force=np.zeros(3), arc_length=self.arc_length or 0.0, tube=self.tube)]
 
     @property
     def _directions(self) -> Array:
-        """The force ``(3, n)``, by the numbers of it that are unknown."""
+        """Matrix ``(3, n)`` from the unknown numbers of the force to the force."""
         return np.eye(3) if self.normal is None or self.friction is not None else np.array(self.normal)[:, None]
 
     @property
     def sought(self) -> tuple[UnknownNumbers, ...]:
-        """The force, or its size along the normal, and, unless it is known, the place."""
+        """The force or its size along the normal, and an unknown place."""
         along = self._directions.shape[1] == 1
         force = (
             UnknownNumbers(0, "normal_force", 1, ("normal_force",))
@@ -394,39 +397,39 @@ class PointForce(UnknownLoad):
 
     @property
     def taken(self) -> list[tuple[int, str]]:
-        """The force and, unless it is known, the place."""
+        """The load fields that the model reads: the force, and an unknown place."""
         return [(0, "force")] if self.arc_length is not None else [(0, "force"), (0, "arc_length")]
 
     @property
     def mixing(self) -> Array:
-        """Both, by the numbers that are sought."""
+        """Matrix from the unknown numbers to force and unknown place."""
         from scipy.linalg import block_diag
 
         return np.asarray(block_diag(self._directions, np.eye(int(self.arc_length is None))), dtype=np.float64)
 
     @property
     def resultant(self) -> Array:
-        """The force, by the numbers that are sought."""
+        """Matrix from the unknown numbers to the force."""
         return self.mixing[:3]
 
     @property
     def known_before(self) -> Gaussian | None:
-        """The priors; of a place without one nothing is known but that it is on the tube."""
-        found, place = Gaussian.of(self.prior, "prior", 3), Gaussian.of(self.place_prior, "place_prior", 1)
-        if found is None and place is None:
+        """The priors of force and place; None without either."""
+        force, place = Gaussian.of(self.prior, "prior", 3), Gaussian.of(self.place_prior, "place_prior", 1)
+        if force is None and place is None:
             return None
         rows = self.resultant
         mean, information = np.zeros(rows.shape[1]), np.zeros((rows.shape[1],) * 2)
-        if found is not None:
-            information = np.asarray(rows.T @ found.information @ rows)
-            mean = np.linalg.pinv(information) @ rows.T @ found.information @ found.mean
+        if force is not None:
+            information = np.asarray(rows.T @ force.information @ rows)
+            mean = np.linalg.pinv(information) @ rows.T @ force.information @ force.mean
         if place is not None:
             mean[-1], information[-1, -1] = place.mean[0], place.information[0, 0]
         return Gaussian(np.asarray(mean), information)
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """The bounds, and where the place can be."""
+        """Bounds of the force, and of an unknown place."""
         size = self._directions.shape[1]
         lower, upper = limits(self.bounds, "bounds", size, least=0.0 if size == 1 else -np.inf)
         if self.arc_length is not None:
@@ -436,16 +439,16 @@ class PointForce(UnknownLoad):
 
     @property
     def place(self) -> float | None:
-        """Where it is known to act."""
+        """The known arc length, m; None if unknown."""
         return self.arc_length
 
     @property
     def cone(self) -> tuple[Array, float] | None:
-        """Of friction."""
+        """Normal ``(3,)`` and Coulomb coefficient; None without friction."""
         return None if self.friction is None else (np.array(self.normal), self.friction)
 
     def limits_on(self, ends: Ends) -> tuple[Array, Array]:
-        """The bounds, of an unknown place inside the tube."""
+        """Bounds of the unknown numbers, with an unknown place inside the tube."""
         lower, upper = self.limits
         if self.arc_length is None:
             first, last = _INSIDE * ends.length, ends.of(self.tube) - _INSIDE * ends.length

@@ -1,7 +1,7 @@
-"""Loads that wander, seen at several times and estimated together: a window of samples, and what came before it.
+"""A window of samples whose randomly walking loads are estimated together, and the belief from earlier samples.
 
-The window is smoothed by passes forwards and backwards, and samples are linearized anew where their estimates move:
-Gauss-Newton steps on the whole window (Bell, SIAM J. Optim. 4, 1994), at the price of a Kalman filter.
+Forward and backward passes smooth the window, and samples are linearized again if their estimates move. These are
+Gauss-Newton steps on the whole window (Bell, SIAM J. Optim. 4, 1994) at the cost of a Kalman filter.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import numpy as np
 
 from ..checks import Array
 from ..robot.actuation import Actuation
-from .search import Normal, Search, State
+from .search import Normal, Search, SearchState
 
-_BENT = 1e-2  # standard deviations: how far misfits' second order may be off before they are linearized anew
+_BENT = 1e-2  # standard deviations: second-order error of misfits above which a sample is linearized again
 _MOST_PASSES = 2
 
 
 @attrs.frozen(eq=False)
 class Belief:
-    """A normal distribution of the numbers sought, in their units, and behind them of so many ``errors`` of the model.
+    """A normal distribution of the unknown numbers, in their units, followed by ``errors`` model errors.
 
     Mean ``(k,)``, covariance ``(k, k)``.
     """
@@ -31,77 +31,77 @@ class Belief:
     errors: int = 0
 
     def later(self, spread: Array) -> Belief:
-        """After a walk with this covariance."""
+        """The belief after a random walk with this covariance."""
         return attrs.evolve(self, covariance=self.covariance + spread)
 
-    def told(self, matrix: Array, gradient: Array) -> Belief:
-        """With a loss of such second and first derivatives at the mean."""
+    def updated(self, matrix: Array, gradient: Array) -> Belief:
+        """The belief updated by a loss with these second and first derivatives at the mean."""
         covariance = np.linalg.solve(np.eye(len(self.mean)) + self.covariance @ matrix, self.covariance)
         covariance = 0.5 * (covariance + covariance.T)
         return attrs.evolve(self, mean=self.mean - covariance @ gradient, covariance=covariance)
 
     def unlearned(self) -> Belief:
-        """With errors that are standard normal again, and what the numbers sought have of them (Schmidt's filter)."""
+        """The belief with standard normal errors again, and their share in the unknowns kept (Schmidt's filter)."""
         first = len(self.mean) - self.errors
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[first:], covariance[first:, first:] = 0.0, np.eye(self.errors)
         return attrs.evolve(self, mean=mean, covariance=covariance)
 
-    def given(self, predicted: Belief, later: Array) -> Array:
-        """The mean, if what was predicted from here turned out to be this."""
+    def smoothed(self, predicted: Belief, later: Array) -> Array:
+        """The mean given the smoothed mean of the ``later`` sample, which was ``predicted`` from here."""
         gain = np.linalg.solve(predicted.covariance, self.covariance).T
         return np.asarray(self.mean + gain @ (later - predicted.mean))
 
 
 @attrs.frozen(eq=False)
 class Sample:
-    """A robot seen at a time, s, and all of it to first order at ``state``; ``search`` is without prior.
+    """A measured robot at a time, s, linearized at ``state``; ``search`` has no prior.
 
-    ``unit``, ``matrix`` and ``gradient``: of the numbers sought and the errors; the latter two of the loss, in units.
+    ``unit`` scales the unknown numbers and errors. ``matrix`` and ``gradient`` are derivatives of the loss in units.
     """
 
     time: float
     actuation: Actuation
     search: Search
     unit: Array
-    state: State
+    state: SearchState
     normal: Normal
     matrix: Array
     gradient: Array
 
     @classmethod
-    def of(cls, time: float, actuation: Actuation, search: Search, unit: Array, state: State) -> Sample:
-        """At a state."""
+    def of(cls, time: float, actuation: Actuation, search: Search, unit: Array, state: SearchState) -> Sample:
+        """The sample linearized at a state."""
         normal = Normal.of(search, state)
         matrix, gradient = normal.matrix * (unit[:, None] * unit), normal.gradient * unit
         return cls(time, actuation, search, unit, state, normal, matrix, gradient)
 
     @property
     def mean(self) -> Array:
-        """Where it is linearized, in units."""
+        """The point of linearization, in units."""
         return np.concatenate((self.state.x, self.state.e)) / self.unit
 
     def bent(self, mean: Array) -> bool:
-        """Whether the linearization does not reach so far: the change of slopes is as that of the numbers' scales."""
+        """Whether ``mean`` is beyond the linearization's range, by the relative change of the numbers' scales."""
         step = mean - self.mean
-        size = np.abs(step * self.unit / self.search.sought.whole_scale)[: len(self.state.x)].max()
+        size = np.abs(step * self.unit / self.search.unknowns.whole_scale)[: len(self.state.x)].max()
         return bool(size * np.sqrt(step @ self.matrix @ step) > _BENT)
 
     def at(self, mean: Array) -> Sample:
-        """Linearized anew; as it was where the model cannot be evaluated."""
+        """The sample linearized again at ``mean``; unchanged if the model cannot be evaluated there."""
         search, state = self.search, self.state
-        whole = np.clip(mean * self.unit, *search.sought.whole_bounds)
+        whole = np.clip(mean * self.unit, *search.unknowns.whole_bounds)
         x, e = np.split(whole, [len(state.x)])
         z = state.z + state.follow @ np.concatenate(([1.0], x - state.x))
-        found = search.at(z, x, self.normal.places(state, whole - self.mean * self.unit), e)
-        return self if found is None else Sample.of(self.time, self.actuation, search, self.unit, found)
+        there = search.at(z, x, self.normal.places(state, whole - self.mean * self.unit), e)
+        return self if there is None else Sample.of(self.time, self.actuation, search, self.unit, there)
 
 
 class Window:
     """The last samples in the order of their times.
 
-    ``drift (k, k)``: covariance of the walk in a second, in units; zero for errors. ``since``: time of the last sample
-    that is not in the window any more; what it and those before it told is in ``before``.
+    ``drift (k, k)`` is the covariance of the walk in one second, in units; zero for errors. ``since`` is the time of
+    the newest sample that has left the window. ``before`` is the belief from it and all earlier samples.
     """
 
     def __init__(self, before: Belief, drift: Array, horizon: int) -> None:
@@ -113,20 +113,20 @@ class Window:
         self._drift, self._horizon = drift, horizon
 
     def predicted(self, time: float) -> Belief:
-        """From all samples that are not later."""
+        """The belief at a time from all samples up to it."""
         return self._predicted(bisect_right(self._times, time), time)
 
-    def nearest(self, time: float) -> State | None:
-        """The state of the sample before a time, or of the first."""
+    def nearest(self, time: float) -> SearchState | None:
+        """The state of the last sample before a time, or of the first sample; None without samples."""
         return self.samples[max(bisect_right(self._times, time) - 1, 0)].state if self.samples else None
 
     def add(self, sample: Sample) -> None:
-        """Estimate all samples with another one; the oldest leaves a window that is full."""
+        """Insert a sample and estimate all samples again; the oldest leaves a full window."""
         first = bisect_right(self._times, sample.time)
         self.samples.insert(first, sample)
         self._pass(first)
         for _ in range(_MOST_PASSES):
-            bent = [k for k, each in enumerate(self.samples) if each.bent(self.means[k])]
+            bent = [k for k, member in enumerate(self.samples) if member.bent(self.means[k])]
             if not bent:
                 break
             for k in bent:
@@ -140,20 +140,21 @@ class Window:
 
     @property
     def _times(self) -> list[float]:
-        return [each.time for each in self.samples]
+        return [sample.time for sample in self.samples]
 
     def _predicted(self, k: int, time: float) -> Belief:
-        """For a time, from the samples before the one with number k."""
+        """The belief at a time from the first ``k`` samples."""
         belief, since = (self._beliefs[k - 1], self.samples[k - 1].time) if k else (self.before, self.since)
         return belief if np.isinf(since) else belief.later(self._drift * (time - since))
 
     def _pass(self, first: int) -> None:
-        """Forwards from a sample, which gives beliefs by all up to each, and backwards, which gives the means."""
+        """Filter forwards from sample ``first``, then smooth backwards for the means."""
         del self._predictions[first:], self._beliefs[first:]
-        for k, each in enumerate(self.samples[first:], first):
-            belief = self._predicted(k, each.time)
+        for k, sample in enumerate(self.samples[first:], first):
+            belief = self._predicted(k, sample.time)
+            gradient = sample.gradient + sample.matrix @ (belief.mean - sample.mean)
             self._predictions.append(belief)
-            self._beliefs.append(belief.told(each.matrix, each.gradient + each.matrix @ (belief.mean - each.mean)))
+            self._beliefs.append(belief.updated(sample.matrix, gradient))
         self.means = [self._beliefs[-1].mean]
         for belief, predicted in zip(self._beliefs[-2::-1], self._predictions[:0:-1], strict=True):
-            self.means.insert(0, belief.given(predicted, self.means[0]))
+            self.means.insert(0, belief.smoothed(predicted, self.means[0]))

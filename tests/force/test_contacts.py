@@ -192,8 +192,8 @@ def test_outside_the_answer_is_the_best_on_the_surface(touched):
     ("field", "message"),
     [
         ({"normal": [0.0, 0.0, 0.0]}, "no direction"),
-        ({"arc_length": 0.1, "friction": 0.5}, "needs a normal"),
-        ({"normal": [1.0, 0.0, 0.0], "friction": 0.5}, "the place"),
+        ({"arc_length": 0.1, "friction": 0.5}, "requires normal"),
+        ({"normal": [1.0, 0.0, 0.0], "friction": 0.5}, "and arc_length"),
         ({"arc_length": 0.1, "normal": [1.0, 0.0, 0.0], "friction": -0.5}, "friction = -0.5"),
     ],
 )

@@ -115,7 +115,7 @@ def test_the_smoothness_is_the_least_that_is_not_much_less_likely(precise):
     """Against determinants of the linearized problem over a grid of weights, to its steps of a tenth of a decade."""
     (unknown,), state = precise.case.numbered.unknown, precise.state
     rough, before = unknown.roughness, unknown.known_before.information
-    weight = (precise.case.search.sought.prior_information - before)[0, 0] / rough[0, 0]
+    weight = (precise.case.search.unknowns.prior_information - before)[0, 0] / rough[0, 0]
     slopes = state.slopes * np.sqrt(state.weights)[:, None]
     data = slopes.T @ slopes + before
     pull = slopes.T @ (slopes @ state.x - np.sqrt(state.weights) * state.misfit)

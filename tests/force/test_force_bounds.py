@@ -125,8 +125,8 @@ def test_bars_hold_between_bounds(given):
         (lambda: ctr.TipForce(bounds=3.0), "bounds = 3.0 must be a pair"),
         (lambda: ctr.TipForce(bounds=(1.0, -1.0)), "the least must be below the most"),
         (lambda: ctr.TipWrench(bounds=(None, [1.0, 2.0])), "bounds: the most has shape"),
-        (lambda: ctr.PointForce(0.1, between=(0.0, 0.1)), "between = .* is for an unknown place"),
-        (lambda: ctr.PointForce(0.1, place_prior=(0.0, 0.1)), "place_prior = .* is for an unknown place"),
+        (lambda: ctr.PointForce(0.1, between=(0.0, 0.1)), "between = .* is only for an unknown place"),
+        (lambda: ctr.PointForce(0.1, place_prior=(0.0, 0.1)), "place_prior = .* is only for an unknown place"),
         (lambda: ctr.PointForce(between=(-0.1, 0.1)), "the least at least 0"),
         (lambda: ctr.PointForce(normal=[1, 0, 0], bounds=(-1.0, 1.0)), "the least at least 0"),
         (
@@ -145,5 +145,5 @@ def test_bounds_off_the_tube_and_in_streams(given):
     robot, actuation, _ = given
     with pytest.raises(ctr.DefinitionError, match=r"between = \(0.2, 0.3\) is not on tube 0, which ends at 0.163 m"):
         ctr.ForceEstimationProblem(robot, ctr.PointForce(between=(0.2, 0.3))).solve(actuation, seen(given))
-    with pytest.raises(ctr.DefinitionError, match=r"unknown\[0\].bounds = \(0.0, 1.0\) cannot be kept in a stream"):
+    with pytest.raises(ctr.DefinitionError, match=r"unknown\[0\].bounds = \(0.0, 1.0\) is not supported in a stream"):
         ctr.ForceEstimator(robot, ctr.TipForce(bounds=(0.0, 1.0)), rate=100.0, drift=1.0)

@@ -234,7 +234,7 @@ def test_wrong_unknown_loads(make, message):
         ({"rotation_sigma": 0.0}, {}, "rotation_sigma = 0.0 must be positive"),
         ({"translation_sigma": [1e-4] * 5}, {}, "one for each of 3 tubes"),
         ({}, {"measurements": []}, "at least one measurement"),
-        ({}, {"measurements": [ctr.PositionMeasurement(None, [0, 0, 0.1])]}, "sigma is needed"),
+        ({}, {"measurements": [ctr.PositionMeasurement(None, [0, 0, 0.1])]}, "sigma is required"),
         ({}, {"measurements": [ctr.PositionMeasurement(0.5, [0, 0, 0.1], 1e-3)]}, "is at s = 0.5 m"),
         ({}, {"actuation": ctr.Actuation([0.0], [0.0])}, "actuation is of 1 tubes"),
         ({}, {"fit": "a fit"}, "fit = 'a fit' must be a Fit"),

@@ -414,7 +414,7 @@ def test_a_force_along_a_normal_is_told_as_a_vector(scene):
 
 def test_friction_is_refused(scene):
     cone = ctr.PointForce(0.1, normal=[1.0, 0.0, 0.0], friction=0.3)
-    with pytest.raises(ctr.DefinitionError, match=r"unknown\[0\].friction = 0.3 cannot be followed"):
+    with pytest.raises(ctr.DefinitionError, match=r"unknown\[0\].friction = 0.3 is not supported"):
         ctr.ForceEstimator(scene.robot, cone, rate=RATE, drift=1.0)
 
 
@@ -504,7 +504,7 @@ def test_a_contact_that_moves_is_followed(scene):
     ("options", "message"),
     [
         ({"rate": 0.0}, "rate = 0 Hz must be a finite number in Hz, above 0"),
-        ({"drift": {"moment": 1.0}}, "must tell that of force"),
+        ({"drift": {"moment": 1.0}}, "must be a mapping with the keys force"),
         ({"drift": -1.0}, "must be positive"),
         ({"horizon": 2.5}, "horizon = 2.5 must be a whole number"),
         ({"horizon": 0}, "horizon = 0 must be a finite number, at least 1"),
@@ -523,7 +523,7 @@ def test_wrong_calls_are_errors_and_leave_the_estimator_alone(scene, stream):
         estimator.update(*stream[1], time="now")
     with pytest.raises(ctr.DefinitionError, match="actuation is of 1 tubes"):
         estimator.update(ctr.Actuation([0.0], [0.0]), stream[1][1])
-    with pytest.raises(ctr.DefinitionError, match="sigma is needed"):
+    with pytest.raises(ctr.DefinitionError, match="sigma is required"):
         estimator.update(scene.actuation, ctr.PositionMeasurement(None, [0.0, 0.0, 0.1]))
     assert estimator.update(*stream[1]).time == pytest.approx(1.0 / RATE)
     assert estimator.counts == {"used": 2}
