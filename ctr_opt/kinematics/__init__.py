@@ -1,1 +1,1 @@
-"""Inverse kinematics: from tip positions and poses to actuations, under known loads."""
+"""Inverse kinematics: actuations that bring the tip to positions and poses, under known loads."""

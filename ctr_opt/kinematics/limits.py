@@ -1,4 +1,4 @@
-"""Limits of the joints: how far bases turn and move, and in which order they and the tips stand."""
+"""Joint limits: ranges of rotations and translations, and the order of bases and tips."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ..loads.kind import Load
 from ..robot.robot import Robot
 from .least_distance import least_distance
 
-_REACH = 1e-4  # m: what of a tube stands out of the entry, and ends beyond a load on it
-_ROUNDING = 1e-9  # rad, m: what is nearer is at the limit
-_MIXING = 5  # places on random lines from one draw of translations to the next
+_REACH = 1e-4  # m: least length of a tube out of the entry, and beyond a load on it
+_ROUNDING = 1e-9  # rad, m: a joint that is nearer to a limit is at it
+_MIXING = 5  # moves along random lines between two draws of translations
 
 
 _GAP = Entry("m", least=0.0, optional=True)
@@ -24,20 +24,27 @@ _GAP = Entry("m", least=0.0, optional=True)
 
 @attrs.frozen
 class JointLimits(Checked):
-    """What the joints may do.
+    """Limits of rotations and translations, and least gaps between the tubes' bases and tips.
 
     Parameters
     ----------
     rotations
-        Least and most ``alpha_i``, ``(tubes, 2)``, rad; default: free.
+        Lower and upper bounds of ``alpha_i``, ``(tubes, 2)``, rad; default: free.
     translations
-        Least and most ``beta_i``, ``(tubes, 2)``, m; default: from where 0.1 mm of the tube stand out, to 0.
+        Lower and upper bounds of ``beta_i``, ``(tubes, 2)``, m. Default: from the place where 0.1 mm of the tube stand
+        out, to 0.
     base_gap
-        An inner tube's base is behind that of the next tube by at least so much, m, ``beta_i + gap <= beta_i+1``;
-        ``None``: in any order.
+        Least distance of an inner tube's base behind the next tube's base, m: ``beta_i + gap <= beta_i+1``.
+        ``None``: any order.
     tip_gap
-        An inner tube reaches further than the next one by at least so much, m, ``beta_i + L_i >= beta_i+1 + L_i+1 +
-        gap``; ``None``: in any order. Not zero by default, as derivatives are one-sided where tips coincide.
+        Least distance by which an inner tube's tip is in front of the next tube's tip, m: ``beta_i + L_i >= beta_i+1 +
+        L_i+1 + gap``. ``None``: any order. The default is not zero, because derivatives are one-sided where tips
+        coincide.
+
+    Raises
+    ------
+    DefinitionError
+        A lower bound is above its upper bound, or a gap is negative.
 
     Examples
     --------
@@ -62,12 +69,12 @@ class JointLimits(Checked):
             for i, (low, high) in enumerate(() if ranges is None else ranges):
                 if low > high:
                     unit = self.entries[field].unit
-                    raise DefinitionError(f"{field}[{i}] = [{low:g}, {high:g}] {unit} must be [least, most]")
+                    raise DefinitionError(f"{field}[{i}] = [{low:g}, {high:g}] {unit} must be [lower, upper]")
 
 
 @attrs.frozen(eq=False)
 class Allowed:
-    """The joints ``q``, rotations before translations, with ``rows q <= most``; each row has a name."""
+    """Allowed joints ``q``, rotations before translations: ``rows q <= most``. Each row has a name."""
 
     rows: Array
     most: Array
@@ -77,31 +84,31 @@ class Allowed:
 
     @classmethod
     def of(cls, robot: Robot, limits: JointLimits, loads: Sequence[Load] = ()) -> Allowed:
-        """Those of a robot, on whose tubes the loads must find their places."""
+        """Make the allowed joints of a robot; the places of ``loads`` must stay on their tubes."""
         lower, upper = _bounds(robot, limits, loads)
         rows, most, names = zip(*_of_bounds(lower, upper), *_of_gaps(robot, limits), strict=True)
         return cls(np.array(rows), np.array(most), names, lower, upper)
 
     def room(self, joints: Array) -> Array:
-        """How much is left to every limit."""
+        """Distance of the joints to every limit; negative beyond it."""
         return self.most - self.rows @ joints
 
     def active(self, joints: Array) -> tuple[str, ...]:
-        """The names of the limits that are met."""
+        """Names of the limits at which the joints are."""
         return tuple(compress(self.names, self.room(joints) <= _ROUNDING))
 
     def exceeded(self, joints: Array) -> tuple[str, ...]:
-        """The names of the limits that are not kept, by more than rounding."""
+        """Names of the limits that the joints exceed by more than rounding."""
         return tuple(compress(self.names, self.room(joints) < -_ROUNDING))
 
     def beyond(self, joints: Array, weights: Array) -> Array:
-        """How far joints ``(k, 2 tubes)`` are beyond each limit, in weights, ``(k, limits)``."""
+        """Weighted distance of joints ``(k, 2 tubes)`` beyond each limit, ``(k, limits)``."""
         return np.asarray(
             np.maximum(joints @ self.rows.T - self.most, 0.0) / np.linalg.norm(self.rows / weights, axis=1)
         )
 
     def unwound(self, angles: Array, reference: Array) -> Array:
-        """Rotations ``(k, tubes)`` by whole turns nearest to others, and then within their bounds if that can be."""
+        """Shift rotations ``(k, tubes)`` by whole turns to be nearest to ``reference``, within bounds if possible."""
         tubes, turn = len(reference), 2.0 * np.pi
         near = angles - turn * np.round((angles - reference) / turn)
         least = np.ceil((self.lower[:tubes] - near) / turn)
@@ -109,20 +116,21 @@ class Allowed:
         return np.asarray(near + turn * np.where(least <= most, np.clip(0.0, least, most), 0.0))
 
     def nearest(self, joints: Array, weights: Array) -> Array:
-        """The allowed joints nearest to given ones, distances weighted; an error where nothing is allowed."""
+        """Find the allowed joints nearest to ``joints`` by weighted distance; an error if limits allow none."""
         step = least_distance(self.rows / weights, self.room(joints))
         if step is None:
             raise DefinitionError(f"limits contradict each other: {'; '.join(self.names)}")
         return self.kept(joints + step / weights)
 
     def kept(self, joints: Array) -> Array:
-        """Joints that exceed their bounds by rounding, at their bounds."""
+        """Move joints that exceed their bounds by rounding onto the bounds."""
         return np.clip(joints, self.lower, self.upper)
 
     def drawn(self, start: Array, count: int, rng: np.random.Generator) -> Array:
-        """Random joints ``(count, 2 tubes)`` from allowed ones on: angles, free ones within a turn, and translations.
+        """Draw random allowed joints ``(count, 2 tubes)``, starting from allowed ones.
 
-        Translations by hit-and-run: to a random place on the line in a random direction, and so on.
+        Angles are uniform within their bounds, free angles within one turn. Translations move by hit-and-run: each move
+        goes to a random place on a line in a random direction.
         """
         tubes = len(start) // 2
         free = np.isinf(self.lower[:tubes]) | np.isinf(self.upper[:tubes])
@@ -143,7 +151,7 @@ class Allowed:
 
 
 def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[Array, Array]:
-    """Least and most of every joint; the tubes reach beyond the loads on them."""
+    """Lower and upper bounds of every joint, such that tubes reach beyond the loads on them."""
     tubes, lengths = len(robot.tubes), [tube.length for tube in robot.tubes]
     bounds = np.array([*[(-np.inf, np.inf)] * tubes, *((_REACH - length, 0.0) for length in lengths)])
     for field, part in (("rotations", bounds[:tubes]), ("translations", bounds[tubes:])):
@@ -160,7 +168,7 @@ def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[A
                 f"tube {i} ({tube.name!r}), and at most 0"
             )
     for k, load in enumerate(loads):
-        for place in (getattr(load, field) for field in getattr(load, "places", ())):  # solves refuse what is no load
+        for place in (getattr(load, field) for field in getattr(load, "places", ())):  # solves refuse anything else
             carrier = getattr(load, "tube", tubes)
             if place is not None and carrier < tubes:
                 joint, length = tubes + carrier, lengths[carrier]
@@ -168,7 +176,7 @@ def _bounds(robot: Robot, limits: JointLimits, loads: Sequence[Load]) -> tuple[A
                 if lower[joint] > upper[joint]:
                     most = length + upper[joint] - _REACH
                     raise DefinitionError(
-                        f"loads[{k}] acts at {place:g} m on tube {carrier}, but must be at most at {most:g} m"
+                        f"loads[{k}] acts at {place:g} m on tube {carrier}, but must act at {most:g} m at most"
                     )
     return lower, upper
 

@@ -1,4 +1,4 @@
-"""A path of targets, followed from shape to shape."""
+"""Path following: from shape to shape along a sequence of targets."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from .starts import loaded
 from .targets import Target
 
 _LEAST_PART = 2.0**-10  # of the way between two targets: shorter steps are not tried
-_SAME = 10.0  # tolerances: tips that far apart are of two shapes
+_SAME = 10.0  # tolerances: tips farther apart belong to two shapes
 
 
 class Broken(Exception):  # noqa: N818 - never leaves this package
-    """The path breaks off: why."""
+    """Raised when the path breaks off; the text says why."""
 
 
 @attrs.define(eq=False)
 class Follower:
-    """The points of a path so far, and which of them are targets that were given: ``waypoints``.
+    """The points of a path so far, and the indices of the user's targets among them, ``waypoints``.
 
-    ``longest``: changes of the joints ``(2 tubes,)`` from point to point.
+    ``longest`` holds the largest allowed changes of the joints ``(2 tubes,)`` from point to point.
     """
 
     longest: Array
@@ -37,7 +37,7 @@ class Follower:
     waypoints: list[int] = attrs.field(factory=list)
 
     def follow(self, searches: Sequence[TipSearch], here: Equilibrium) -> InverseKinematicsPath:
-        """From a shape through the targets that are left, one search for each."""
+        """Follow the remaining targets from a shape, one search per target."""
         for k in range(len(self.waypoints), len(searches)):
             try:
                 here = self._advance(here, searches[k])
@@ -46,7 +46,7 @@ class Follower:
         return self._path("")
 
     def broken(self, target: int, why: str) -> InverseKinematicsPath:
-        """The path up to where it breaks off."""
+        """Return the path up to the place where it breaks off."""
         return self._path(f"the path breaks off on the way to targets[{target}]: {why}")
 
     def _path(self, message: str) -> InverseKinematicsPath:
@@ -62,7 +62,7 @@ class Follower:
         )
 
     def _advance(self, here: Equilibrium, search: TipSearch) -> Equilibrium:
-        """From a shape to the target of a search, over places in between where steps would be too long."""
+        """Move from a shape to the target of a search, with intermediate targets if steps would be too long."""
         shape = loaded(search, here)
         if shape is None:
             raise Broken("the robot snaps when the loads change")
@@ -83,7 +83,7 @@ class Follower:
         return shape
 
     def _next(self, here: Equilibrium, search: TipSearch) -> Point:
-        """The next point, at the target of a search; an error says why there is none."""
+        """Find the next point, at the target of a search; ``Broken`` says why it cannot be reached."""
         start, before = Point(here, search.target), joints_of(here.actuation)
         point = search.reach(start)
         if point.ending is not Ending.REACHED:
@@ -95,20 +95,20 @@ class Follower:
             raise Broken("the joints would have to jump" + search.limits_at(point))
         straight = search.moved(start, search.weights * (point.joints - before))
         if straight is None or not search.met(straight, _SAME):
-            raise Broken("the robot would snap on the way of the joints")
+            raise Broken("the robot would snap while the joints move there")
         return point
 
 
 def targets_of(targets: Any, axes: Any) -> list[Target]:
-    """Positions ``(k, 3)``, with or without axes, or poses ``(k, 4, 4)``, as targets."""
+    """Convert positions ``(k, 3)``, with or without axes, or poses ``(k, 4, 4)`` to targets."""
     posed = np.ndim(targets) == 3
     if posed and axes is not None:
-        raise DefinitionError("axes belong to positions: poses have axes of their own")
+        raise DefinitionError("axes must be given with positions only: poses already contain axes")
     places = array(targets, "targets", (None, 4, 4) if posed else (None, 3), unit="m")
     if not len(places):
-        raise DefinitionError("targets is empty")
+        raise DefinitionError("targets is empty, but must contain at least one target")
     directions = [None] * len(places) if axes is None else array(axes, "axes", (len(places), 3))
-    given = enumerate(zip(places, directions, strict=True))
+    pairs = enumerate(zip(places, directions, strict=True))
     return [
-        Target.of(place, axis, None, (f"targets[{k}]", f"axes[{k}]", f"targets[{k}]")) for k, (place, axis) in given
+        Target.of(place, axis, None, (f"targets[{k}]", f"axes[{k}]", f"targets[{k}]")) for k, (place, axis) in pairs
     ]

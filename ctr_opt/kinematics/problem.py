@@ -1,4 +1,4 @@
-"""Inverse kinematics under known load: from where the tip shall be to what the actuators do."""
+"""Inverse kinematics under known loads: actuations for a wanted position or pose of the tip."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .search import Point, TipSearch
 from .starts import Starts
 from .targets import LENGTH, Target
 
-_FORWARD, _LEAST_FORWARD = 0.1, 1e-7  # errors of the forward solves: over the tolerance, and over the length
+_FORWARD, _MOST_FORWARD = 0.1, 1e-7  # largest errors of the forward solves: over the tolerance, and over the length
 
 
 class InverseKinematicsProblem:
@@ -36,32 +36,45 @@ class InverseKinematicsProblem:
     robot
         The robot.
     limits
-        What the joints may do; default: any angle, translations from where 0.1 mm of a tube stand out to 0, bases and
-        tips in the order of the tubes.
+        Limits of the joints. Default: any angle, translations from the place where 0.1 mm of a tube stand out to 0,
+        bases and tips in the order of the tubes.
     home
-        Where searches begin without an ``initial`` shape; default: no rotation and every tube half drawn back, or the
-        nearest to that within the limits.
+        Actuation where searches begin without an ``initial`` shape. Default: no rotation and every tube half drawn
+        back, or the nearest actuation within the limits.
     criterion
-        Which of several answers. ``"nearest"``: the first one found, moved to the place nearest to where the search
-        began that steps with the same tip lead to. Or the best of all ``starts``: by least ``"distance"``, by the least
-        ``"torsion"`` (largest torsional moment at a base), or by the most ``"stability"`` (smallest eigenvalue of the
-        second variation of the potential energy against its elastic part).
+        Choice among several answers.
+
+        - ``"nearest"``: the first answer found, then moved toward the start of the search in steps that keep the tip.
+        - ``"distance"``: the answer of all ``starts`` with the least distance from the start of the search.
+        - ``"torsion"``: the answer of all ``starts`` with the smallest torsional moment at a base, taking the largest
+          over the tubes.
+        - ``"stability"``: the answer of all ``starts`` with the largest stability, the smallest eigenvalue of the
+          second variation of the potential energy relative to its elastic part. Stability counts as 0 under loads
+          without a potential, where it is not defined.
     starts
-        From how many shapes searches begin at most: the initial one, then random stable ones with the tip near.
+        Largest number of shapes from which searches begin: the initial one, then random stable ones with the tip near.
     weights
-        ``(2 tubes,)``: what a radian, then what a metre of each joint counts in distances. Default: 1 and 50, so that a
+        ``(2 tubes,)``: weights of a radian, then of a metre, of each joint in distances. Default: 1 and 50, so that a
         radian counts as much as 20 mm.
     tolerance, angle_tolerance
         Largest accepted distance of the tip, m, and angle of its axis or frame, rad. Forward solves are accurate to a
-        tenth of the former.
+        tenth of ``tolerance``, but never worse than 1e-7 of the robot's length.
     compiled
-        Default: compiled code for what it knows, where there is a compiler (waiting some seconds the first time on a
-        machine); ``False``: CasADi's virtual machine, hundreds of times slower; ``True``: an error without compiler.
+        Default: compiled code where it applies and a compiler exists; it takes some seconds the first time on a
+        machine. ``False``: CasADi's virtual machine, hundreds of times slower. ``True``: an error without a compiler.
+
+    Raises
+    ------
+    DefinitionError
+        An argument has the wrong type, shape or range, the limits contradict each other, or ``home`` exceeds them.
+    CompilationError
+        ``compiled=True`` and there is no compiler, or it fails.
 
     Notes
     -----
-    ``docs/how_to/inverse_kinematics.md``. Searches are damped Gauss-Newton steps with the exact Jacobian within the
-    limits, each solved on the branch of the shape before it; break points are sorted again in every solve.
+    Searches take damped Gauss-Newton steps within the limits, with the exact Jacobian. Each step is solved on the
+    branch of the shape before it. Break points are sorted again in every solve. See
+    ``docs/how_to/inverse_kinematics.md``.
 
     Examples
     --------
@@ -101,7 +114,7 @@ class InverseKinematicsProblem:
         self._allowed = Allowed.of(robot, self.limits)
         self.home = self._home_of(home)
         self._starts = Starts(self.forward, self._allowed, joints_of(self.home))
-        if self.forward.compiles:  # some tenths of a second; else seconds, which are spent where they are needed
+        if self.forward.compiles:  # tenths of a second now; without compiled code seconds, spent only when needed
             _ = self._starts.table
 
     def solve(
@@ -118,20 +131,26 @@ class InverseKinematicsProblem:
         Parameters
         ----------
         target_position
-            Where the tip shall be, ``(3,)``, m, world frame; a pose ``(4, 4)`` counts as ``target_pose``.
+            Target position of the tip, ``(3,)``, m, world frame. A pose ``(4, 4)`` is taken as ``target_pose``.
         loads
-            The loads under which it shall be there.
+            The loads on the robot at the target.
         initial
-            The current shape, under these loads or others: where the search begins, and what is near; default: home.
+            The current shape, under these or other loads, where the search begins and from which distances count.
+            Default: home.
         target_axis
-            With a position: the direction of the tip's axis, ``(3,)``, of any length.
+            Direction of the tip's axis, ``(3,)``, of any length; only with a position.
         target_pose
-            Instead: the pose of the tip, ``(4, 4)``, of the innermost tube that ends there.
+            Target pose of the tip, ``(4, 4)``, instead of a position: the frame of the innermost tube that ends there.
+
+        Returns
+        -------
+        InverseKinematicsResult
+            The answer, or the nearest stable shape with the status ``UNREACHABLE``.
 
         Raises
         ------
         DefinitionError
-            A target of the wrong shape, an ``initial`` outside the limits, a load that finds no place, and the like.
+            A target has the wrong shape, ``initial`` is outside the limits, a load lies beyond its tube, and the like.
         SolveError
             No start has a stable equilibrium under these loads.
         """
@@ -150,37 +169,37 @@ class InverseKinematicsProblem:
     ) -> InverseKinematicsPath:
         """Follow a path of targets without a jump, through stable shapes only.
 
-        Each answer is the nearest to the one before and on its branch along the straight way of the joints; where steps
-        would be too long, targets are put in between.
+        Each answer is the one nearest to the answer before it. It is on the same branch when the joints move straight
+        between the two. Targets are inserted where steps would be too long.
 
         Parameters
         ----------
         targets
             Positions of the tip ``(k, 3)``, m, or poses ``(k, 4, 4)``.
         loads
-            One list of loads for all targets, or a list of them for each: where it changes, the robot is first loaded
-            as it stands.
+            One list of loads for all targets, or a list of loads per target. Where the loads change, the robot is first
+            loaded at its present actuation.
         initial
-            The current shape, from which the path leads to the first target. So is a path planned again when a load
-            appears: from the current shape, with the new loads. Default: it begins at the first target, with the first
-            of several answers there from which it leads to the last.
+            The current shape, from which the path leads to the first target. To plan a path again when a load appears,
+            give the current shape and the new loads. Default: the path begins at the first target, with the first of
+            several answers there from which it leads to the last target.
         axes
-            With positions: the directions of the tip's axis, ``(k, 3)``.
+            Directions of the tip's axis, ``(k, 3)``; only with positions.
         longest_step
-            By how much a rotation, rad, and a translation, m, change at most from one answer to the next.
+            Largest change of a rotation, rad, and of a translation, m, from one answer to the next.
         throw
-            Raise ``SolveError`` where the path breaks off; otherwise return what there is.
+            Raise ``SolveError`` if the path breaks off; otherwise return the path up to there.
 
         Raises
         ------
         DefinitionError
             As :meth:`solve`.
         SolveError
-            The path breaks off: where and why; ``.result`` is the path up to there.
+            The path breaks off. The message says where and why; ``.result`` is the path up to there.
         """
         places = targets_of(targets, axes)
-        given = [entry if isinstance(entry, Load) else as_loads(entry) for entry in as_loads(loads)]
-        searches = [self.search(*row) for row in zip(places, rows_of_loads(given, len(places)), strict=True)]
+        rows = [entry if isinstance(entry, Load) else as_loads(entry) for entry in as_loads(loads)]
+        searches = [self.search(*row) for row in zip(places, rows_of_loads(rows, len(places)), strict=True)]
         longest = np.repeat(array(longest_step, "longest_step", (2,), above=0.0), len(self.robot.tubes))
         if initial is None:
             path = self._from_anywhere(searches, longest)
@@ -191,7 +210,15 @@ class InverseKinematicsProblem:
         return path
 
     def search(self, target: Target, loads: tuple[Load, ...]) -> TipSearch:
-        """The way to a target, for code that takes it from a start of its own."""
+        """Prepare the search for one target, for code that chooses its own start.
+
+        Parameters
+        ----------
+        target
+            The target.
+        loads
+            The loads on the robot at the target.
+        """
         allowed = Allowed.of(self.robot, self.limits, loads) if loads else self._allowed
         return TipSearch(self.forward, loads, allowed, self.weights, target, self.tolerances)
 
@@ -211,7 +238,7 @@ class InverseKinematicsProblem:
         return InverseKinematicsResult.of(search, point, reference, starts=len(ends), solve_time=seconds)
 
     def _from_anywhere(self, searches: list[TipSearch], longest: Array) -> InverseKinematicsPath:
-        """A path that begins at its first target, with the answer from which it leads to the last, or furthest."""
+        """Follow a path from its first target, starting from the answer there that leads to the last, or furthest."""
         first, home, furthest = searches[0], joints_of(self.home), None
         for start in self._starts.points(first, None, home, self.starts):
             point = first.reach(start)
@@ -223,18 +250,18 @@ class InverseKinematicsProblem:
                 furthest = path
             if path.converged:
                 break
-        return furthest or Follower(longest).broken(0, "it is reached from no start")
+        return furthest or Follower(longest).broken(0, "no start reaches it")
 
-    def _home_of(self, given: Actuation | None) -> Actuation:
+    def _home_of(self, home: Actuation | None) -> Actuation:
         tubes = len(self.robot.tubes)
-        if given is None:
+        if home is None:
             middle = [-0.5 * tube.length for tube in self.robot.tubes]
             joints = self._allowed.nearest(np.concatenate((np.zeros(tubes), middle)), self.weights)
             return actuation_of(joints)
-        if not isinstance(given, Actuation) or len(given.rotations) != tubes:
-            raise DefinitionError(f"home = {given!r} must be an Actuation of {tubes} tubes")
-        self._check_limits(given, "home")
-        return given
+        if not isinstance(home, Actuation) or len(home.rotations) != tubes:
+            raise DefinitionError(f"home = {home!r} must be an Actuation of {tubes} tubes")
+        self._check_limits(home, "home")
+        return home
 
     def _checked(self, initial: Equilibrium) -> Equilibrium:
         if not isinstance(initial, Equilibrium) or not initial.converged or initial.robot != self.robot:
@@ -249,11 +276,11 @@ class InverseKinematicsProblem:
 
 
 def _forward(robot: Robot, tolerance: float, compiled: bool | None) -> ForwardProblem:
-    """Forward solves that are accurate enough, compiled where that is wanted and possible."""
+    """Make the forward problem with sufficient accuracy, compiled if wanted and possible."""
     if not isinstance(robot, Robot):
         raise DefinitionError(f"robot = {robot!r} must be a Robot")
     relative = _FORWARD * tolerance / max(tube.length for tube in robot.tubes)
-    forward = ForwardProblem(robot, tolerance=min(_LEAST_FORWARD, relative), compiled=compiled)
+    forward = ForwardProblem(robot, tolerance=min(_MOST_FORWARD, relative), compiled=compiled)
     if compiled is None:
         with suppress(CompilationError):
             forward.compile()

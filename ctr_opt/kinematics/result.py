@@ -1,4 +1,4 @@
-"""What inverse kinematics answers: an actuation, its shape, and how near it is to the target; a path of them."""
+"""Results of inverse kinematics: an actuation with its shape and its errors, or a path of them."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ CRITERIA: dict[str, Callable[[Point, float], float]] = {
     "torsion": lambda point, _: float(np.abs(point.equilibrium.last_iterate.torsional).max()),
     "stability": lambda point, _: -(point.equilibrium.stability or 0.0),
 }
-"""What is least for the answer that is chosen, by a point and its distance from where the search began."""
+"""Cost of an answer for each criterion, from its point and its distance from the start of the search."""
 
 
 class InverseKinematicsStatus(Advised):
-    """How it ended.
+    """How a search or a path of inverse kinematics ended.
 
     >>> InverseKinematicsStatus.CONVERGED.advice
     'nothing to do'
@@ -38,31 +38,32 @@ class InverseKinematicsStatus(Advised):
     )
     BROKEN = (
         "the path breaks off",
-        "go around that place, begin elsewhere with `initial`, or allow longer steps",
+        "avoid that place, begin elsewhere with `initial`, or allow longer steps",
     )
 
 
 @attrs.frozen(eq=False, kw_only=True, repr=False)
 class InverseKinematicsResult:
-    """The answer to one target; where it is unreachable, the nearest that was found.
+    """The answer to one target; for an unreachable target, the nearest stable shape that was found.
 
     Attributes
     ----------
     actuation, equilibrium
-        What to do, and the robot's shape then: never one that is known to be unstable.
+        The actuation and the robot's shape there. The shape is never known to be unstable.
     position_error, angle_error
-        Distance of the tip from the target, m, and angle of its axis or frame, rad, zero where none was asked for.
+        Distance of the tip from the target, m, and angle of its axis or frame, rad. The angle is zero if the target has
+        no direction.
     status, message
-        How it ended; why the target is not reached.
+        How the search ended, and why the target is not reached.
     limits
-        The limits that are met.
+        Names of the active limits.
     distance
-        From where the search began (``initial`` or home): norm of the joints' changes by their weights.
+        Weighted norm of the joints' changes since the start of the search (``initial`` or home).
     starts
-        From how many shapes searches began: where it is more than one, the answer may be one to which the robot cannot
-        go from ``initial`` without snapping.
+        Number of shapes from which searches began. If it is more than one, the robot may be unable to move from
+        ``initial`` to the answer without snapping.
     solve_time
-        Seconds.
+        Time of the solve, s.
     """
 
     actuation: Actuation
@@ -80,7 +81,17 @@ class InverseKinematicsResult:
     def of(
         cls, search: TipSearch, point: Point, reference: Array, *, starts: int, solve_time: float
     ) -> InverseKinematicsResult:
-        """The end of a search as its answer; ``reference`` are the joints where it began."""
+        """Make the result of a search from its last point.
+
+        Parameters
+        ----------
+        search, point
+            The search and its last point.
+        reference
+            Joints where the search began, ``(2 tubes,)``.
+        starts, solve_time
+            As the attributes.
+        """
         (position, angle), message = point.errors, ""
         if point.ending is not Ending.REACHED:
             turned = f" and {np.rad2deg(angle):.3g} deg" if search.target.turns else ""
@@ -103,23 +114,23 @@ class InverseKinematicsResult:
 
     @property
     def converged(self) -> bool:
-        """Whether the target is reached, to the tolerances, by a shape that is not known to be unstable."""
+        """Whether the target is reached within the tolerances; the shape is then not known to be unstable."""
         return self.status is InverseKinematicsStatus.CONVERGED
 
     @property
     def stable(self) -> bool | None:
-        """Whether the shape is stable; None under loads for which that is not defined."""
+        """Whether the shape is stable; None under loads for which stability is not defined."""
         return self.equilibrium.is_stable
 
     def report(self) -> str:
-        """What was found, in words."""
+        """Describe the answer as text."""
         angles = ", ".join(f"{x:.2f}" for x in np.rad2deg(self.actuation.rotations))
         places = ", ".join(f"{1e3 * x:.3f}" for x in self.actuation.translations)
         lines = [
             f"inverse kinematics: {self.status.description}",
             f"  rotations       {angles} deg",
             f"  translations    {places} mm",
-            f"  off the target  {self.position_error:.2e} m, {self.angle_error:.2e} rad",
+            f"  tip error       {self.position_error:.2e} m, {self.angle_error:.2e} rad",
             f"  stable          {'not defined' if self.stable is None else 'yes' if self.stable else 'no'}",
             f"  at limits       {'; '.join(self.limits) or 'none'}",
             f"  effort          {self.starts} start{'s' if self.starts > 1 else ''}, {1e3 * self.solve_time:.1f} ms",
@@ -130,25 +141,25 @@ class InverseKinematicsResult:
         return self.report()
 
     def __repr__(self) -> str:
-        return f"<InverseKinematicsResult: {self.status.description}, {self.position_error:.2g} m off the target>"
+        return f"<InverseKinematicsResult: {self.status.description}, {self.position_error:.2g} m from the target>"
 
 
 @attrs.frozen(eq=False, kw_only=True, repr=False)
 class InverseKinematicsPath:
-    """Actuations along a path, each next to the one before; where it breaks off, those up to there.
+    """Actuations along a path of targets; if the path breaks off, those up to there.
 
     Attributes
     ----------
     actuations
         ``(k, 2 tubes)``: rotations, rad, then translations, m.
     equilibria
-        The shapes, none of them known to be unstable.
+        The shapes. None of them is known to be unstable.
     position_errors, angle_errors
-        ``(k,)``, m and rad: distances from the targets, or from the places between that were put in.
+        ``(k,)``, m and rad: errors at the targets and at the targets inserted between them.
     waypoints
-        Which of the ``k`` are the targets given.
+        Indices of the user's targets among the ``k`` points.
     status, message
-        How it ended; where and why it breaks off.
+        How the path ended, and where and why it breaks off.
     """
 
     actuations: Array
@@ -161,12 +172,12 @@ class InverseKinematicsPath:
 
     @property
     def converged(self) -> bool:
-        """Whether it leads to the last target."""
+        """Whether the path leads to the last target."""
         return self.status is InverseKinematicsStatus.CONVERGED
 
     @property
     def tip_positions(self) -> Array:
-        """``(k, 3)``, m."""
+        """Positions of the tip, ``(k, 3)``, m."""
         return np.array([shape.tip_position for shape in self.equilibria]).reshape(-1, 3)
 
     def __len__(self) -> int:
@@ -177,7 +188,7 @@ class InverseKinematicsPath:
 
 
 def best(search: TipSearch, ends: Sequence[Point], criterion: str, reference: Array) -> Point:
-    """The best answer among the ends of searches; if there is none, the stable shape nearest to the target."""
+    """Choose the best answer among the ends of searches; without an answer, the stable shape nearest the target."""
     stable = [point for point in ends if point.stable]
     if not stable:
         raise SolveError("no stable equilibrium was found under these loads, neither at home nor at any other start")

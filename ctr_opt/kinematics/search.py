@@ -1,8 +1,7 @@
-"""From a shape to one whose tip is at a target: damped Gauss-Newton steps within the limits, along one branch.
+"""Search for a shape whose tip is at a target: damped Gauss-Newton steps within the limits, along one branch.
 
-Every step is solved as a neighbour of the shape before; where the branch is in doubt the step is cut. Between steps
-break points are sorted again, as in any solve. Joints are counted in weights: lengths of steps and distances are those
-of ``weights * joints``.
+Every step is solved as a neighbour of the shape before it. A step is cut if the branch is in doubt. Break points are
+sorted again between steps, as in any solve. Lengths of steps and distances are measured in ``weights * joints``.
 """
 
 from __future__ import annotations
@@ -24,26 +23,26 @@ from .limits import Allowed
 from .targets import LENGTH, Target
 
 _MOST_STEPS = 60
-_LONGEST, _SHORTEST = 0.7, 1e-4  # of a step, by each joint: below, the branch or the misfit's model has come to an end
-_PART = 0.05  # of a step that is longer than trusted: not cut to less, but solved again within what is trusted
-_DAMPING, _LEAST_DAMPING = 1e-2, 1e-8  # over the squared misfit, up to one; of all
-_GOOD, _POOR, _USELESS = 0.75, 0.25, 1e-3  # gained of what a step promised
-_AIM, _ENOUGH = 0.5, 0.9  # of the tolerances: aimed at, and accepted; a tenth is left to the errors of the solves
-_NOTHING = 1e-6  # of the squared misfit: steps that promise less lead nowhere
-_SETTLED = 1e-2  # of the distance: nearer is not worth a step
-_SETTLING = 8  # such steps at most
+_LONGEST, _SHORTEST = 0.7, 1e-4  # of a step, per joint: below the shortest, the branch or the model of the misfit ends
+_PART = 0.05  # of a step longer than trusted: it is not cut to less, but solved again within the trusted length
+_DAMPING, _LEAST_DAMPING = 1e-2, 1e-8  # initial, relative to the squared misfit (at most one); and least of all
+_GOOD, _POOR, _USELESS = 0.75, 0.25, 1e-3  # shares of the promised gain that a step achieves
+_AIM, _ENOUGH = 0.5, 0.9  # of the tolerances: aimed at, and accepted; the rest is left to the errors of the solves
+_NOTHING = 1e-6  # of the squared misfit: steps that promise less are useless
+_SETTLED = 1e-2  # of the distance: a smaller gain is not worth a step
+_SETTLING = 8  # largest number of such steps
 _SINGULAR = 1e-6  # of the largest singular value
-_BESIDE = 1e-7  # m: by so much tubes are drawn back, each outer one more, to part break points that coincide
+_BESIDE = 1e-7  # m: tubes are drawn back by this much, each outer one once more, to separate coinciding break points
 
 
 class Ending(Enum):
     """Why a search ended."""
 
-    OPEN = "it goes on"
+    OPEN = "the search continues"
     REACHED = "the target is reached"
-    STUCK = "no motion that the limits allow goes nearer"
-    SNAPS = "the robot would snap, or its branch be in doubt, on the way nearer"
-    SLOW = f"it crept nearer still after {_MOST_STEPS} steps"
+    STUCK = "no motion within the limits brings the tip nearer"
+    SNAPS = "the robot would snap, or leave its branch in doubt, on the way nearer"
+    SLOW = f"the tip was still moving nearer after {_MOST_STEPS} steps"
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -56,23 +55,23 @@ class Point:
 
     @cached_property
     def joints(self) -> Array:
-        """Rotations and translations."""
+        """Rotations and translations of the shape, ``(2 tubes,)``."""
         return joints_of(self.equilibrium.actuation)
 
     @cached_property
     def misfit(self) -> Array:
-        """How the tip must move."""
+        """Motion of the tip to the target; see :meth:`Target.misfit`."""
         return self.target.misfit(self.equilibrium)
 
     @cached_property
     def errors(self) -> tuple[float, float]:
-        """Distance, m, and angle, rad, from the target."""
+        """Distance, m, and angle, rad, of the tip from the target."""
         missing, turn = self.misfit[:3], self.misfit[3:]
         return LENGTH * sqrt(missing @ missing), sqrt(turn @ turn)
 
     @cached_property
     def cost(self) -> float:
-        """Squared misfit."""
+        """Squared norm of the misfit."""
         return float(self.misfit @ self.misfit)
 
     @property
@@ -88,13 +87,13 @@ class Point:
 
 @attrs.define
 class _Trust:
-    """How far the linear model of the misfit is believed: damping of steps, and the longest of them, by each joint."""
+    """Trust in the linear model of the misfit: damping of steps, and the longest step of each joint."""
 
     damping: float = _DAMPING
     longest: float = _LONGEST
 
     def learn(self, gained: float, size: float) -> None:
-        """From what part of its promise a step of some size has kept."""
+        """Adapt to the share of the promised gain that a step of this size achieved."""
         if gained > _GOOD:
             self.damping, self.longest = 0.3 * self.damping, min(2.0 * self.longest, _LONGEST)
         elif gained < _POOR:
@@ -103,7 +102,7 @@ class _Trust:
 
 @attrs.frozen(eq=False)
 class TipSearch:
-    """The way to one target: the problem, its loads, what is allowed, weights, and the errors of position and angle."""
+    """Search for one target: the problem, its loads, allowed joints, weights, and tolerances of position and angle."""
 
     forward: ForwardProblem
     loads: tuple[Load, ...]
@@ -113,18 +112,18 @@ class TipSearch:
     tolerances: tuple[float, float]
 
     def met(self, point: Point, part: float) -> bool:
-        """Whether the errors are within a part of the tolerances."""
+        """Whether a point's errors are within a part of the tolerances."""
         position, angle = point.errors
         return position <= part * self.tolerances[0] and angle <= part * self.tolerances[1]
 
     def moved(self, point: Point, step: Array) -> Point | None:
-        """The point a weighted step away, if it is on the same branch."""
+        """Take a weighted step from a point; None if the result is not on the same branch."""
         joints = self.allowed.kept(point.joints + step / self.weights)
         shape = self._solved(joints, point.equilibrium)
         return None if shape is None else Point(shape, self.target)
 
     def reach(self, point: Point) -> Point:
-        """To the target, or as near as it goes from here."""
+        """Move from a point to the target, or as near as possible."""
         trust, ending = _Trust(), Ending.SLOW
         for _ in range(_MOST_STEPS):
             if self.met(point, _AIM):
@@ -144,7 +143,7 @@ class TipSearch:
         return attrs.evolve(point, ending=Ending.REACHED if self.met(point, _ENOUGH) else ending)
 
     def _toward(self, point: Point, trust: _Trust) -> tuple[Array, float]:
-        """A step toward the target within limits and trust, and by how much it promises to lower the cost."""
+        """Step toward the target within limits and trust, and the decrease of the cost that it promises."""
         rates, misfit = self._rates(point), point.misfit
         damping = max(trust.damping * min(point.cost, 1.0), _LEAST_DAMPING)
         hessian = rates.T @ rates + damping * np.eye(len(self.weights))
@@ -153,23 +152,23 @@ class TipSearch:
         part = trust.longest / max(float(np.abs(step).max()), trust.longest)
         if part >= _PART:
             step *= part
-        else:  # some motion hardly moves the tip: cut to size, nothing would be left of the others
+        else:  # one motion hardly moves the tip: a cut of the whole step would leave nothing of the other motions
             box = np.eye(len(self.weights))
             room = np.concatenate((room, np.full(2 * len(box), trust.longest)))
             step = bounded_step(hessian, -rates.T @ misfit, np.vstack((rows, box, -box)), room)
         return step, point.cost - float(((misfit - rates @ step) ** 2).sum())
 
     def limits_at(self, point: Point) -> str:
-        """The limits that a point meets, as the end of a message."""
+        """Name the limits at which a point is, as the end of a message."""
         met = self.allowed.active(point.joints)
         return f"; at its limits: {', '.join(met)}" if met else ""
 
     def distance(self, point: Point, joints: Array) -> float:
-        """Of a point's joints from others."""
+        """Weighted distance between a point's joints and ``joints``."""
         return float(np.linalg.norm(self.weights * (joints - point.joints)))
 
     def settle(self, point: Point, joints: Array) -> Point:
-        """To the place with the same tip that is nearest to other joints, as far as steps lead there."""
+        """Move toward ``joints`` while the tip stays at the target, as far as steps lead."""
         longest = _LONGEST
         for _ in range(_SETTLING):
             wanted = self.weights * (joints - point.joints)
@@ -188,7 +187,7 @@ class TipSearch:
         return point
 
     def _within(self, point: Point, wanted: Array) -> Array | None:
-        """The step nearest to a wanted one among those that keep the tip at the target and the limits."""
+        """Find the step nearest to a wanted one that keeps the tip at the target and the joints within limits."""
         left, values, right = np.linalg.svd(self._rates(point))
         rank = int((values > _SINGULAR * values[0]).sum())
         if rank == len(wanted):
@@ -201,7 +200,7 @@ class TipSearch:
         return None if change is None else step + free.T @ change
 
     def _rates(self, point: Point) -> Array:
-        """How the tip moves with the weighted joints; where break points coincide, as it does right beside."""
+        """Derivatives of the tip by the weighted joints; where break points coincide, evaluated right beside."""
         shape = point.equilibrium
         if shape.one_sided:
             beside = point.joints.copy()

@@ -1,4 +1,4 @@
-"""Where else a search may start: random stable shapes of the free robot, those from which the way is short first."""
+"""Starts of searches: random stable shapes of the free robot, ordered by the length of the way to the target."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from .limits import Allowed
 from .search import Point, TipSearch
 from .targets import LENGTH, Target, rotation
 
-_SHAPES, _SHAPES_SLOW = 2000, 30  # by compiled code, and where each takes a tenth of a second
+_SHAPES, _SHAPES_SLOW = 2000, 30  # with compiled code, and without, where each takes a tenth of a second
 _SEED = 2010
-_RANKED = 200  # of the shapes, those with the nearest tips: by the way of their joints
-_LEFT = 1e-3  # squared: what is left of a misfit counts as much as a way of the joints that is so many times longer
-_BEYOND = 10.0  # squared, of the way: how much more it counts where it leads beyond limits
+_RANKED = 200  # number of shapes, those with the nearest tips, that are ranked by the way of their joints
+_LEFT = 1e-3  # squared misfit left by a step that counts as much as a squared way of the joints of one
+_BEYOND = 10.0  # weight of the squared way beyond limits, relative to the rest of the way
 
 
 class Starts:
-    """Where searches start: home, and random actuations whose free shapes are stable, solved once.
+    """Starts of searches: home, and random actuations whose free shapes are stable, solved once.
 
-    A free robot may be turned about the entry's axis as a whole: each shape stands for all that it so becomes.
+    A free robot may be turned about the entry's axis as a whole, so each shape represents all its turned copies.
     """
 
     def __init__(self, forward: ForwardProblem, allowed: Allowed, home: Array) -> None:
@@ -35,12 +35,12 @@ class Starts:
 
     @cached_property
     def table(self) -> ShapeTable:
-        """The random shapes."""
+        """Table of the random shapes, solved at the first use."""
         count = _SHAPES if self._forward.compiles else _SHAPES_SLOW
         return ShapeTable.of(self._forward, self._allowed.drawn(self._home, count, np.random.default_rng(_SEED)))
 
     def points(self, search: TipSearch, initial: Equilibrium | None, reference: Array, most: int) -> Iterator[Point]:
-        """At most ``most`` shapes under the loads of a search: the initial one or home, then those near the target."""
+        """Yield at most ``most`` shapes under a search's loads: the initial one or home, then some near the target."""
         for shape in self._shapes(search, initial, reference, most):
             if shape is not None:
                 yield Point(shape, search.target)
@@ -61,7 +61,7 @@ class Starts:
 
 
 def loaded(search: TipSearch, initial: Equilibrium) -> Equilibrium | None:
-    """A shape as it becomes under the loads of a search; None where it snaps."""
+    """Load a shape with the loads of a search; None if it snaps."""
     if initial.loads == search.loads:
         return initial
     shape = search.forward.solve(initial.actuation, search.loads, initial, throw=False)
@@ -70,9 +70,10 @@ def loaded(search: TipSearch, initial: Equilibrium) -> Equilibrium | None:
 
 @attrs.frozen(eq=False)
 class ShapeTable:
-    """Shapes as seen from the entry, and from which of them the way to a target looks short.
+    """Shapes in the frame of the entry, ranked by the way to a target.
 
-    Joints ``(k, 2 tubes)``, poses of the tips ``(k, 4, 4)``, Jacobians ``(k, 6, 2 tubes)``, zero if not known.
+    Shapes are joints ``(k, 2 tubes)``, poses of the tips ``(k, 4, 4)`` and Jacobians ``(k, 6, 2 tubes)``, zero if
+    unknown.
     """
 
     joints: Array
@@ -81,7 +82,7 @@ class ShapeTable:
 
     @classmethod
     def of(cls, forward: ForwardProblem, joints: Array) -> ShapeTable:
-        """The free shapes of those joints whose cold solve is stable."""
+        """Solve the free shapes of ``joints`` and keep the stable ones."""
         rotations, translations = np.hsplit(joints, 2)
         shapes = forward.solve_many((rotations, translations), chained=False)
         stable = [k for k, shape in enumerate(shapes) if shape.converged and shape.is_stable]
@@ -93,10 +94,11 @@ class ShapeTable:
         return cls(joints[stable], np.linalg.inv(base) @ poses, np.kron(np.eye(2), base[:3, :3].T) @ jacobians)
 
     def toward(self, target: Target, allowed: Allowed, weights: Array, reference: Array) -> Array:
-        """Joints of shapes from which the way to a target, as seen from the entry, looks short, the shortest first.
+        """Joints of shapes near a target (in the entry's frame), the one with the shortest way first.
 
-        The way is that of the joints by the linear model, from each of the shapes with the nearest tips when turned
-        about the entry's axis as a whole, and by full turns within limits to come near a reference.
+        Each shape is first turned about the entry's axis as a whole so that its tip is nearest to the target. Its
+        angles are shifted by full turns toward ``reference`` within limits. A linear model then gives the way of the
+        joints for the shapes with the nearest tips.
         """
         near, turns = self._nearest(target)
         about = rotation(np.multiply.outer(turns, [0.0, 0.0, 1.0]))
@@ -112,7 +114,7 @@ class ShapeTable:
         return np.asarray(joints[np.argsort(lengths)])
 
     def _nearest(self, target: Target) -> tuple[NDArray[np.intp], Array]:
-        """Which shapes have the nearest tips when turned about the entry's axis as a whole, and their turns."""
+        """Find the shapes with the nearest tips when turned about the entry's axis as a whole, and their turns."""
         axes = target.axes.shape[1]
         scale = np.array([1.0 / LENGTH, *[1.0 / np.sqrt(max(axes - 1, 1))] * axes])  # chords squared, as angles squared
         placed = scale * np.concatenate((self.poses[:, :3, 3:], self.poses[:, :3, 3 - axes : 3]), axis=2)
@@ -125,7 +127,7 @@ class ShapeTable:
 
 
 def _ways(rates: Array, misfits: Array) -> tuple[Array, Array]:
-    """Steps ``(k, 2 tubes)`` that linear models take, damped, and what they leave of the misfits."""
+    """Damped steps ``(k, 2 tubes)`` of linear models, and the misfits that remain after them."""
     back = np.swapaxes(rates, 1, 2)
     normal = rates @ back + _LEFT * np.eye(misfits.shape[1])
     steps = back @ np.linalg.solve(normal, misfits[:, :, None])

@@ -1,4 +1,4 @@
-"""Where the tip is wanted: a position, a position and an axis, or a pose; and how far a shape is from it."""
+"""Targets of the tip: a position, a position and an axis, or a pose; and the distance of a shape from them."""
 
 from __future__ import annotations
 
@@ -13,57 +13,57 @@ from ..errors import DefinitionError
 from ..forward.equilibrium import Equilibrium
 
 LENGTH = 0.02
-"""m: a distance that counts as much as an angle of one radian, of joints unless said otherwise, and of the tip."""
+"""Distance, m, that counts as much as one radian, for the tip and, by default, for the joints."""
 
 _FIELDS = ("target_position", "target_axis", "target_pose")
-_HALF_TURN, _OPPOSITE = 0.4, 1e-12  # sines of angles near pi: below, the axis is that of the symmetric part
+_HALF_TURN, _OPPOSITE = 0.4, 1e-12  # sines of angles near pi: below them, the symmetric part gives the axis
 
 
 @attrs.frozen(eq=False)
 class Target:
-    """Position ``(3,)``, m, and the axes of the tip's frame that are wanted: none ``(3, 0)``, z ``(3, 1)``, or all."""
+    """Target position ``(3,)``, m, and target axes of the tip's frame: none ``(3, 0)``, z ``(3, 1)``, or all."""
 
     position: Array
     axes: Array
 
     @classmethod
     def of(cls, position: Any, axis: Any, pose: Any, fields: tuple[str, str, str] = _FIELDS) -> Target:
-        """From a position, with or without an axis, or a pose, also in its place; errors name ``fields``."""
+        """Make a target from a position, with or without an axis, or from a pose; errors name ``fields``."""
         if np.shape(position) == (4, 4):
             position, pose = None, position
         if (position is None) == (pose is None):
-            raise DefinitionError("give target_position, with or without target_axis, or target_pose, and not both")
+            raise DefinitionError("give either target_position, with or without target_axis, or target_pose, not both")
         if pose is not None:
             if axis is not None:
-                raise DefinitionError("target_axis belongs to target_position: target_pose has an axis of its own")
-            given = rigid(pose, fields[2])
-            return cls(given[:3, 3], given[:3, :3])
+                raise DefinitionError("target_axis must be given with target_position: target_pose contains an axis")
+            matrix = rigid(pose, fields[2])
+            return cls(matrix[:3, 3], matrix[:3, :3])
         point = array(position, fields[0], (3,), unit="m")
         return cls(point, np.zeros((3, 0)) if axis is None else direction(axis, fields[1])[:, None])
 
     @property
     def turns(self) -> bool:
-        """Whether directions are wanted, too."""
+        """Whether the target includes directions."""
         return bool(self.axes.size)
 
     def toward(self, other: Target, part: float) -> Target:
-        """The target at a part of the way to another of the same kind, turned about one axis."""
+        """Interpolate to another target of the same kind, turning about one axis; ``part`` is 0 to 1."""
         turn = _turn_between(self.axes, other.axes) if self.turns else np.zeros(3)
         return Target(self.position + part * (other.position - self.position), rotation(part * turn) @ self.axes)
 
     def at(self, equilibrium: Equilibrium) -> Target:
-        """The target of the same kind that a shape has reached."""
+        """Return the target of the same kind that a shape has reached."""
         return Target(equilibrium.tip_position, equilibrium.tip_pose[:3, 3 - self.axes.shape[1] : 3])
 
     @property
     def counted(self) -> Array:
-        """The part of a turn ``(3,)`` in the world that counts, as a projection: across an axis, all, or none."""
+        """Projection ``(3, 3)`` onto turns that count, in the world: across one axis, all, or none."""
         if self.axes.shape[1] == 1:
             return np.eye(3) - self.axes @ self.axes.T
         return np.eye(3) if self.turns else np.zeros((3, 3))
 
     def turns_from(self, frames: Array) -> Array:
-        """Rotation vectors ``(k, 3)`` that take many frames ``(k, 3, 3)`` to the axes, but for those of half a turn."""
+        """Rotation vectors ``(k, 3)`` from frames ``(k, 3, 3)`` to the axes; not valid for half a turn."""
         if not self.turns:
             return np.zeros((len(frames), 3))
         reached = frames[:, :, 3 - self.axes.shape[1] :]
@@ -76,12 +76,12 @@ class Target:
         return np.asarray(across * (angles / np.maximum(sines, 1e-12))[:, None])
 
     def seen_from(self, pose: Array) -> Target:
-        """The target in the axes of a pose."""
+        """Express the target in the axes of a pose."""
         turned = pose[:3, :3].T
         return Target(turned @ (self.position - pose[:3, 3]), turned @ self.axes)
 
     def misfit(self, equilibrium: Equilibrium) -> Array:
-        """How the tip must move and turn to the target, distances over ``LENGTH``: 3, 5 or 6 numbers."""
+        """Motion and turn of the tip to the target, distances over ``LENGTH``: 3, 5 or 6 numbers."""
         missing = (self.position - equilibrium.tip_position) / LENGTH
         if not self.turns:
             return missing
@@ -89,13 +89,13 @@ class Target:
         return np.concatenate((missing, self._seen(equilibrium) @ _turn_between(reached, self.axes)))
 
     def rates(self, equilibrium: Equilibrium) -> Array:
-        """How the tip so moves and turns with rotations (rad) and translations (m), ``(3, 5 or 6, 2 tubes)``."""
+        """Derivatives of motion and turn by rotations (rad) and translations (m), ``(3, 5 or 6, 2 tubes)``."""
         jacobian = equilibrium.jacobian()
         moved = jacobian[:3] / LENGTH
         return np.vstack((moved, self._seen(equilibrium) @ jacobian[3:])) if self.turns else moved
 
     def _seen(self, equilibrium: Equilibrium) -> Array:
-        """The world directions about which turns count: two across the axis, or all."""
+        """World directions about which turns count: two across the axis, or all."""
         if self.axes.shape[1] == 3:
             return np.eye(3)
         return np.asarray(equilibrium.tip_pose[:3, :2].T)
@@ -109,12 +109,13 @@ def rotation(turn: Array) -> Array:
 
 
 def _turn_between(start: Array, end: Array) -> Array:
-    """The shortest rotation vector that takes an axis ``(3, 1)`` or a frame ``(3, 3)`` to another.
+    """Shortest rotation vector that takes an axis ``(3, 1)`` or a frame ``(3, 3)`` to another.
 
     The axial vector and the trace of ``end start^T`` sum the cross and the dot products of the axes. For single axes
     they are ``sin a`` and ``cos`` of the turn by an angle about ``a``, for frames ``2 sin a`` and ``1 + 2 cos``. Near
-    half a turn the sine loses ``a``, and the symmetric part less ``cos I`` has it: for frames ``(1 - cos) a a^T``. For
-    an axis and its opposite it is ``I - start start^T``: about each of its columns half a turn leads there.
+    half a turn the sine no longer determines ``a``. The symmetric part less ``cos I`` does: for frames it is
+    ``(1 - cos) a a^T``. For an axis and its opposite it is ``I - start start^T``, and half a turn about any of its
+    columns leads from one to the other.
     """
     turned, framed = end @ start.T, start.shape[1] == 3
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turned.tolist()

@@ -142,7 +142,7 @@ def test_one_tube_reaches_what_it_sweeps_and_says_what_it_does_not():
     np.testing.assert_allclose(joints_of(answer.actuation), [2.0, -0.03], atol=5e-5)
     beside = problem.solve(there + np.array([0.0, 0.0, 0.004]))
     assert beside.status is ctr.InverseKinematicsStatus.UNREACHABLE
-    assert "no motion that the limits allow goes nearer" in beside.message
+    assert "no motion within the limits brings the tip nearer" in beside.message
     assert 0.0 < beside.position_error < 0.004  # nearer than the place above which the target stands
 
 
@@ -350,7 +350,7 @@ def wrong(problem, shape):
         "no starts": (lambda: ik(robot, starts=0), ["starts = 0", "at least 1"]),
         "weights of nothing": (lambda: ik(robot, weights=[1, 1, 1, 0, 1, 1]), ["weights[3]", "above 0"]),
         "too tight": (lambda: ik(robot, tolerance=1e-12), ["tolerance", "1e-09"]),
-        "upside down": (lambda: ctr.JointLimits(rotations=[[1.0, -1.0]]), ["rotations[0]", "least"]),
+        "upside down": (lambda: ctr.JointLimits(rotations=[[1.0, -1.0]]), ["rotations[0]", "lower"]),
         "a negative gap": (lambda: ctr.JointLimits(tip_gap=-1.0), ["tip_gap", "at least 0"]),
         "too few": (lambda: ik(robot, limits=ctr.JointLimits(rotations=[[-1, 1]])), ["1 rows", "3 tubes"]),
         "too far": (
