@@ -85,7 +85,7 @@ def test_check_says_what_a_file_holds():
         (("solve", PROBLEM, "--output", "shape.xyz"), "must end in .csv, .npz, .json"),
         (("solve", PROBLEM, "--figure", "nowhere/shape.png"), "does not exist"),
         (("check", "problems"), "cannot be read"),
-        (("list", "nowhere"), "no folder 'nowhere'"),
+        (("list", "nowhere"), "the folder 'nowhere' does not exist"),
         (
             ("check", "problems/rjw_s1/calibration.toml"),
             "unknown key 'experiments'; this is a calibration file: run `ctr-opt calibrate "

@@ -1,4 +1,4 @@
-"""Calibrations in files: a robot, a table of experiments, what to estimate, and what the answer is checked with."""
+"""Calibration files: a robot, a table of experiments, the parameters to estimate, and checks of the answer."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .text import at
 
 @attrs.frozen(eq=False)
 class Check:
-    """A problem whose tip was measured but is not fitted, ``tip_position (3,)``, m."""
+    """A problem with a measured tip, ``tip_position (3,)``, m, that is predicted and not fitted."""
 
     problem: Problem
     tip_position: Array
@@ -38,7 +38,7 @@ def _share(value: Any) -> float:
 
 @attrs.frozen
 class HoldOut:
-    """A share of the experiments, drawn at random with a seed, that is predicted and not fitted.
+    """A share of the experiments, drawn at random with a seed, that is predicted but not fitted.
 
     >>> HoldOut(0.4, seed=1).of(5)
     [0, 4]
@@ -48,11 +48,11 @@ class HoldOut:
     seed: int
 
     def of(self, count: int) -> list[int]:
-        """The numbers of those that are held out, of so many."""
+        """Draw the indices of the held-out experiments among ``count``."""
         held = np.random.default_rng(self.seed).permutation(count)[: round(self.share * count)]
         if not 0 < len(held) < count:
             raise DefinitionError(
-                f"hold_out.share = {self.share:g} of {count} experiments must hold out at least one and leave one"
+                f"hold_out.share = {self.share:g} of {count} experiments must hold out at least one and keep at least one"
             )
         return sorted(int(k) for k in held)
 
@@ -64,17 +64,17 @@ class Calibration(About):
     Attributes
     ----------
     robot, experiments, parameters, losses
-        What to fit, by which losses.
+        The robot, the experiments to fit, the parameters to estimate, and the losses to minimize.
     hold_out, held
-        Which experiments of the table are predicted and not fitted.
+        The experiments of the table that are predicted but not fitted.
     sigma
-        Standard deviations of ``position`` (m) and ``direction`` (rad), as far as given.
+        Standard deviations of ``position`` (m) and ``direction`` (rad), if given.
     sensor
-        The name of the sensor whose position and direction those of the tip are; None: the tip's own.
+        Name of the sensor that measured the tip's position and direction; None: the tip itself was measured.
     checks
-        What is predicted and not fitted.
+        Problems that are predicted but not fitted.
     truth
-        Of synthetic data, what they were made with.
+        The true parameters of synthetic data.
     """
 
     robot: Robot
@@ -90,7 +90,7 @@ class Calibration(About):
     truth: dict[str, Any] = attrs.field(factory=dict)
 
     def problem(self, loss: str) -> CalibrationProblem:
-        """The problem with one of the losses."""
+        """Make the calibration problem with one of the losses."""
         return CalibrationProblem(self.robot, self.experiments, self.parameters, loss=loss)
 
 
@@ -100,10 +100,10 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
     Parameters
     ----------
     path
-        A TOML file with ``experiments``, the name of a CSV file beside it as for
-        :func:`~ctr_opt.files.experiments.read_experiments`, ``sensor`` if tips are those of a sensor, ``parameters``
-        (names, or tables with the arguments of :class:`~ctr_opt.Parameter`), ``losses``, ``[sigma]``, and
-        ``[hold_out]`` with ``share`` and ``seed`` of the experiments that are predicted and not fitted.
+        A TOML file. ``experiments`` names a CSV file beside it as for
+        :func:`~ctr_opt.files.experiments.read_experiments`. ``sensor`` is given if a sensor measured the tips.
+        ``parameters`` are names, or tables with the arguments of :class:`~ctr_opt.Parameter`. ``losses``, ``[sigma]``
+        and ``[hold_out]``, with ``share`` and ``seed`` of the experiments that are not fitted, are optional.
     on_overlap
         As in :func:`load_robot`.
     measured
@@ -131,15 +131,15 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
     for loss in losses:
         at(file, "", lambda loss=loss: choice(loss, "losses", LOSSES))  # type: ignore[misc]
     checks = tuple(
-        Check(load_problem(file.parent / one["problem"]), np.array(one["tip_position"]))
-        for one in data.get("checks", [])
+        Check(load_problem(file.parent / check["problem"]), np.array(check["tip_position"]))
+        for check in data.get("checks", [])
     )
     calibration = Calibration(
         **about(file, data),
         robot=robot,
         table=table,
         experiments=tuple(row for k, row in enumerate(rows) if k not in held),
-        parameters=tuple(_parameter(file, k, given) for k, given in enumerate(data["parameters"])),
+        parameters=tuple(_parameter(file, k, entry) for k, entry in enumerate(data["parameters"])),
         losses=losses,
         sigma=sigma,
         sensor=data.get("sensor"),
@@ -153,8 +153,8 @@ def load_calibration(path: str | os.PathLike[str], *, on_overlap: str = "warn", 
     return calibration
 
 
-def _parameter(file: Path, k: int, given: Any) -> str | Parameter:
-    """A name, or what a table with one says more."""
-    if isinstance(given, str):
-        return given
-    return at(file, "", lambda: Parameter(**read(PARAMETER, given, f"parameters[{k}]")))
+def _parameter(file: Path, k: int, entry: Any) -> str | Parameter:
+    """Read a parameter: a name, or a table with a name and further arguments."""
+    if isinstance(entry, str):
+        return entry
+    return at(file, "", lambda: Parameter(**read(PARAMETER, entry, f"parameters[{k}]")))

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from ..calibration.fit import Fit
 
-_LIMITS = (3.0, 4.0)  # mm: the paper tells which share of the tip's errors lies below
+_LIMITS = (3.0, 4.0)  # mm: the paper reports the share of the tip's errors below these
 _STATISTICS = ("mean", "median", "sd", "least", "largest")
 _MOST_LEFT_OUT = 0.1  # of the experiments
 LOSS_NAMES = {
@@ -41,14 +41,14 @@ LOSS_NAMES = {
 def write_report(
     calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit], held: Mapping[str, Fit], folder: Path
 ) -> Path:
-    """Write ``report.md`` and its figures into a folder, which is made; returns the page's path.
+    """Write ``report.md`` and its figures into a folder, which is created; return the page's path.
 
-    ``fits``: by the names of their losses; ``held``: the same estimates beside the experiments that were held out.
+    ``fits`` are named by their losses. ``held`` holds the same estimates, evaluated on the held-out experiments.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DefinitionError(f"report = {str(folder)!r} cannot be made: {error.strerror}") from None
+        raise DefinitionError(f"report = {str(folder)!r} cannot be created: {error.strerror}") from None
     save_figure(_histograms(nominal, fits), folder / "errors.png")
     for loss, fit in fits.items():
         save_figure(figure_fit(fit), folder / f"fit_{loss}.png")
@@ -71,8 +71,8 @@ def _lines(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit], held
         lines += ["", f"## Errors with calibrated parameters: {LOSS_NAMES[loss]}", "", *_errors(fit)]
     lines += ["", "![Errors of the tip](errors.png)"]
     for loss, fit in held.items():
-        told = hold_out_table(fits[loss], fit)
-        lines += ["", f"## Prediction of the experiments held out: {LOSS_NAMES[loss]}", "", *told]
+        table = hold_out_table(fits[loss], fit)
+        lines += ["", f"## Prediction of the held-out experiments: {LOSS_NAMES[loss]}", "", *table]
     lines += ["", "## Experiments that do not fit", "", *_outliers(fits)]
     if "squared" in fits and fits["squared"].outliers:
         lines += ["", *_without(calibration, fits["squared"])]
@@ -89,9 +89,9 @@ def _named(fits: Mapping[str, Fit]) -> dict[str, Fit]:
 
 
 def _counted(calibration: Calibration) -> str:
-    every = [*calibration.experiments, *calibration.held]
-    loaded = sum(1 for each in every if each.loads)
-    text = f"{len(every)} experiments, {loaded or 'none'} of them loaded, from `{calibration.table.name}`."
+    experiments = [*calibration.experiments, *calibration.held]
+    loaded = sum(1 for experiment in experiments if experiment.loads)
+    text = f"{len(experiments)} experiments, {loaded or 'none'} of them loaded, from `{calibration.table.name}`."
     if calibration.hold_out is None:
         return text
     return (
@@ -109,10 +109,10 @@ def _table(header: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def tip_errors(fit: Fit) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Of the experiments whose tip was measured: its error (m), its arc length (m), and whether there was a load."""
-    tips = [each for each in fit.residuals if each.is_point and each.observable.place is None]
-    loaded = [bool(fit.estimation.experiments[each.experiment].loads) for each in tips]
-    sizes, lengths = ([getattr(each, field) for each in tips] for field in ("distance", "arc_length"))
+    """Error (m), arc length (m) and presence of a load for each experiment whose tip was measured."""
+    tips = [residual for residual in fit.residuals if residual.is_point and residual.observable.place is None]
+    loaded = [bool(fit.estimation.experiments[residual.experiment].loads) for residual in tips]
+    sizes, lengths = ([getattr(residual, field) for residual in tips] for field in ("distance", "arc_length"))
     return np.array(sizes), np.array(lengths), np.array(loaded, dtype=bool)
 
 
@@ -122,7 +122,7 @@ def _errors(fit: Fit) -> list[str]:
     if len(errors) and loaded.any() and not loaded.all():
         groups += [("tip, unloaded", errors[~loaded]), ("tip, loaded", errors[loaded])]
     lines = _table(["error [mm]", "points", *_STATISTICS], [_statistics(name, 1e3 * e) for name, e in groups])
-    angles = [_statistics(name, np.rad2deg(each)) for name, each in sizes_by_place(fit, DIRECTIONS).items()]
+    angles = [_statistics(name, np.rad2deg(sizes)) for name, sizes in sizes_by_place(fit, DIRECTIONS).items()]
     if angles:
         lines += ["", *_table(["error [deg]", "directions", *_STATISTICS], angles)]
     if len(errors):
@@ -144,20 +144,21 @@ def _statistics(name: str, e: Array) -> list[str]:
 
 
 def hold_out_table(fit: Fit, held: Fit) -> list[str]:
-    """Errors of experiments that were fitted, and of others that the same estimates predict.
+    """Compare errors of the fitted and the held-out experiments, both predicted by the same estimates.
 
-    Distances and angles; predicted minus measured along the world's axes, mean ± standard deviation.
+    The table has distances and angles, and predicted minus measured along the world's axes, mean ± standard deviation.
     """
     rows = []
     for name in by_place(fit, POINTS):
-        for title, each in (("fitted", fit), ("held out", held)):
-            errors = 1e3 * np.array([found.value[:3] for found in by_place(each, POINTS).get(name, [])]).reshape(-1, 3)
+        for title, part in (("fitted", fit), ("held out", held)):
+            residuals = by_place(part, POINTS).get(name, [])
+            errors = 1e3 * np.array([residual.value[:3] for residual in residuals]).reshape(-1, 3)
             axes = [f"{x.mean():+.3f} ± {x.std():.3f}" for x in errors.T]
             rows.append([f"{name}, {title} [mm]", *_spread(np.linalg.norm(errors, axis=1)), *axes])
     for name in by_place(fit, DIRECTIONS):
-        for title, each in (("fitted", fit), ("held out", held)):
+        for title, part in (("fitted", fit), ("held out", held)):
             rows.append(
-                [f"{name}, {title} [deg]", *_spread(np.rad2deg(sizes_by_place(each, DIRECTIONS)[name])), "", "", ""]
+                [f"{name}, {title} [deg]", *_spread(np.rad2deg(sizes_by_place(part, DIRECTIONS)[name])), "", "", ""]
             )
     return _table(["error", "count", "mean", "sd", "largest", "x", "y", "z"], rows)
 
@@ -172,12 +173,12 @@ def _outliers(fits: Mapping[str, Fit]) -> list[str]:
         if not fit.outliers:
             lines.append(f"- {LOSS_NAMES[loss]}: none.")
         for k in fit.outliers:
-            each = fit.estimation.experiments[k]
-            turned = ", ".join(f"{x:g}" for x in np.round(np.rad2deg(each.actuation.rotations), 2))
-            pushed = ", ".join(f"{x:g}" for x in np.round(1e3 * each.actuation.translations, 3))
+            experiment = fit.estimation.experiments[k]
+            turned = ", ".join(f"{x:g}" for x in np.round(np.rad2deg(experiment.actuation.rotations), 2))
+            pushed = ", ".join(f"{x:g}" for x in np.round(1e3 * experiment.actuation.translations, 3))
             lines.append(
-                f"- {LOSS_NAMES[loss]}: {each.name or k} ({turned} deg; {pushed} mm; "
-                f"{'loaded' if each.loads else 'unloaded'}): "
+                f"- {LOSS_NAMES[loss]}: {experiment.name or k} ({turned} deg; {pushed} mm; "
+                f"{'loaded' if experiment.loads else 'unloaded'}): "
                 f"{worst_point(fit, k)}influence (Cook's distance) {fit.influence[k]:.2g}. "
                 "It was fitted with the others; look for a mistake in its record."
             )
@@ -185,18 +186,18 @@ def _outliers(fits: Mapping[str, Fit]) -> list[str]:
 
 
 def _without(calibration: Calibration, fit: Fit) -> list[str]:
-    """Squares again, the worst experiment left out until none stands out: one may make others look bad."""
+    """Repeat the least-squares fit without the worst experiment until no outlier remains: one may hide others."""
     rest = fit
     left: list[str] = []
     while rest.outliers and len(left) < _MOST_LEFT_OUT * len(fit.estimation.experiments):
         worst = max(rest.outliers, key=lambda k: float(rest.influence[k]))
         left.append(rest.estimation.experiments[worst].name or str(worst))
         rest = rest.without(worst)
-    told = f"{LOSS_NAMES['squared']} without {', '.join(left)}"
+    title = f"{LOSS_NAMES['squared']} without {', '.join(left)}"
     lines = [
-        f"With the one of most influence left out, again and again until none stands out ({', '.join(left)}):",
+        f"The most influential experiment left out, repeatedly until no outlier remains ({', '.join(left)}):",
         "",
-        *_parameters(calibration, {LOSS_NAMES["squared"]: fit, told: rest}),
+        *_parameters(calibration, {LOSS_NAMES["squared"]: fit, title: rest}),
         "",
     ]
     if rest.estimation.scaled:
@@ -242,7 +243,7 @@ def _undetermined(loss: str, fit: Fit) -> list[str]:
 
 
 def check_error(robot: Robot, actuation: Actuation, check: Check) -> tuple[float, float]:
-    """Distance of a predicted tip from the measured one, m, and over the arc length."""
+    """Distance of a predicted tip from the measured one, m, and relative to the arc length."""
     shape = ForwardProblem(robot).solve(actuation, check.problem.loads)
     error = float(np.linalg.norm(shape.tip_position - check.tip_position))
     return error, error / shape.length
@@ -268,7 +269,7 @@ def _checks(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
 
 
 def _histograms(nominal: Fit, fits: Mapping[str, Fit]) -> Figure:
-    """The paper's Fig. 12: errors of the tip, nominal and calibrated, on the same axes."""
+    """Draw the paper's Fig. 12: errors of the tip, nominal and calibrated, on the same axes."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(
@@ -276,7 +277,7 @@ def _histograms(nominal: Fit, fits: Mapping[str, Fit]) -> Figure:
     )
     named = {"nominal": nominal, **_named(fits)}
     errors = {name: 1e3 * tip_errors(fit)[0] for name, fit in named.items()}
-    largest = max((float(each.max()) for each in errors.values() if len(each)), default=1.0)
+    largest = max((float(sizes.max()) for sizes in errors.values() if len(sizes)), default=1.0)
     bins = np.linspace(0.0, largest, 25)
     for ax, (name, sizes) in zip(np.atleast_1d(axes), errors.items(), strict=True):
         ax.hist(sizes, bins, color="tab:blue", edgecolor="white")

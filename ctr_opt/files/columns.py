@@ -1,4 +1,4 @@
-"""CSV tables of numbers; most with a first line that names the columns, with units in brackets: ``tip_x [mm]``."""
+"""CSV tables of numbers. The first line of most names the columns, with units in brackets: ``tip_x [mm]``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _COLUMN = re.compile(r"\s*([A-Za-z]\w*?)\s*(?:\[([^\]]*)\])?\s*")
 
 
 def read_csv(file: Path, columns: int) -> Array:
-    """A table of numbers in SI, comma-separated, ``#`` before comments; ``(rows, columns)``."""
+    """Read a table ``(rows, columns)`` of numbers in SI, comma-separated, with comments behind ``#``."""
     table = []
     for line, row in said_lines(file):
         try:
@@ -29,25 +29,25 @@ def read_csv(file: Path, columns: int) -> Array:
             entries = []
         if len(entries) != columns or not np.all(np.isfinite(entries)):
             raise DefinitionError(
-                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} finite numbers with commas, "
-                "or a comment behind a #"
+                f"{file}: line {line}, {reprlib.repr(row)}, must be {columns} finite numbers separated by commas, "
+                "or a comment behind #"
             )
         table.append(entries)
     if not table:
-        raise DefinitionError(f"{file} holds no numbers, but must hold lines of {columns}")
+        raise DefinitionError(f"{file} contains no numbers, but must contain lines of {columns}")
     return np.array(table)
 
 
 def read_rows(file: Path, names: str = "") -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """The header, and the lines below it with their numbers, each with as many entries; ``names`` are for messages."""
+    """Read the header, and the rows below it with their line numbers; messages use the columns' ``names``."""
     rows = [(line, next(csv.reader([row]))) for line, row in said_lines(file)]
     if len(rows) < 2:
-        raise DefinitionError(f"{file} must hold a line of names{names} and lines of numbers")
+        raise DefinitionError(f"{file} must contain a line of column names{names} and lines of numbers")
     header = rows[0][1]
     for line, row in rows[1:]:
         if len(row) != len(header):
             raise DefinitionError(
-                f"{file}: line {line} has {len(row)} entries, but must have {len(header)}, one for each column"
+                f"{file}: line {line} has {len(row)} entries, but must have {len(header)}, one per column"
             )
     return header, rows[1:]
 
@@ -55,9 +55,9 @@ def read_rows(file: Path, names: str = "") -> tuple[list[str], list[tuple[int, l
 def columns_of(
     file: Path, header: list[str], unit_of: Callable[[str], str | None], allowed: str
 ) -> dict[str, tuple[int, float]]:
-    """Where each column stands, and by what its numbers are multiplied to be SI.
+    """Find the index of each column, and the factor that converts its numbers to SI.
 
-    ``unit_of``: the SI unit of a column by its name, None for a name that is none; ``allowed``: the columns, in words.
+    ``unit_of`` gives the SI unit of a column by name, None for an unknown name. Messages list the columns ``allowed``.
     """
     places: dict[str, tuple[int, float]] = {}
     for k, text in enumerate(header):
@@ -65,8 +65,9 @@ def columns_of(
         name = match[1] if match else text.strip()
         unit = unit_of(name) if match else None
         if unit is None or name in places:
-            what = "is given twice" if name in places else "is no column here"
-            raise DefinitionError(f"{file}: column {text.strip()!r} {what}; the columns are {allowed}")
+            column = text.strip()
+            problem = f"column {column!r} is given twice" if name in places else f"unknown column {column!r}"
+            raise DefinitionError(f"{file}: {problem}; the columns are {allowed}")
         try:
             factor = to_si(f"1 {match[2]}", unit) if match and match[2] else 1.0
         except ValueError as error:
@@ -76,7 +77,7 @@ def columns_of(
 
 
 def value_of(file: Path, line: int, name: str, text: str, factor: float, wanted: str = _NUMBER) -> float:
-    """A number in SI; not a number where nothing stands. ``wanted``: what messages say that it must be."""
+    """Convert a field to a number in SI, NaN if it is empty; messages say that it must be ``wanted``."""
     text = text.strip()
     if not text:
         return float("nan")
@@ -90,10 +91,10 @@ def value_of(file: Path, line: int, name: str, text: str, factor: float, wanted:
 
 
 def read_columns(file: Path, needed: Mapping[str, str], others: Mapping[str, str] | None = None) -> dict[str, Array]:
-    """Columns ``(rows,)`` by their names, in SI.
+    """Read columns ``(rows,)`` by name, in SI.
 
-    ``needed`` and ``others``: SI units of columns that must be there, and may be. No field may be empty. ``"line"``:
-    the lines' numbers in the file.
+    ``needed`` and ``others`` give SI units of required and optional columns. No field may be empty. The key ``"line"``
+    holds line numbers in the file.
     """
     units = {**needed, **(others or {})}
     header, rows = read_rows(file, f" ({', '.join(units)})")
@@ -111,7 +112,7 @@ def read_columns(file: Path, needed: Mapping[str, str], others: Mapping[str, str
 
 
 def said_lines(file: Path) -> list[tuple[int, str]]:
-    """The lines that say something, with their numbers."""
+    """Read the lines that are neither empty nor comments, with their line numbers."""
     lines = read_text(file, "CSV").splitlines()
     rows = [(k, line.split("#")[0].strip()) for k, line in enumerate(lines, start=1)]
     return [(k, row) for k, row in rows if row]

@@ -1,4 +1,4 @@
-"""Tables of files as their entries describe them: every key and value is checked before anything is built."""
+"""Reading of tables by their entries: every key and value is checked before anything is built."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ _WORDS: dict[str, tuple[type, str]] = {
 
 
 def read(spec: Any, value: Any, place: str = "") -> Any:
-    """A value of a file, in SI; ``ValueError`` with the place and what is wrong in one sentence.
+    """Check a value of a file and convert it to SI; ``ValueError`` names the place and the problem in one sentence.
 
-    ``spec`` is an entry; a dictionary of them, for a table, whose names end in ``?`` where they may be left out; or a
-    list with one, for a list of such.
+    ``spec`` is an entry, a dictionary of entries for a table (names of optional ones end in ``?``), or a list with one
+    such ``spec`` for a list.
     """
     if isinstance(spec, Entry):
         return _read_entry(spec, value, () if spec.scalar_too and not isinstance(value, list) else spec.shape, place)
     if isinstance(spec, list):
         if not isinstance(value, list) or not value:
-            raise ValueError(f"{place} = {reprlib.repr(value)} must be tables [[{place.lstrip('.')}]], one at least")
-        return [read(spec[0], one, f"{place}[{k}]{_named(one)}") for k, one in enumerate(value)]
+            raise ValueError(f"{place} = {reprlib.repr(value)} must be tables [[{place.lstrip('.')}]], at least one")
+        return [read(spec[0], table, f"{place}[{k}]{_named(table)}") for k, table in enumerate(value)]
     if not isinstance(value, dict):
         raise ValueError(f"{place} = {reprlib.repr(value)} must be a table of keys and values")
     known = [name.removesuffix("?") for name in spec]
     for key in value:
         if key not in known:
             hint = _nearest(key, known) or f"allowed are {', '.join(known)}"
-            raise ValueError(f"{place}.{key} is no key here; {hint}")
+            raise ValueError(f"{place}: unknown key {key!r}; {hint}")
     for key in spec:
         if key not in value and not key.endswith("?"):
             raise ValueError(f"{place}.{key} is missing")
@@ -54,7 +54,7 @@ def _read_entry(entry: Entry, value: Any, shape: tuple[int | None, ...], place: 
             raise ValueError(f"{said} must be {entry.says}{'' if shape[0] is None else f' of {shape[0]}'}")
         if shape[0] not in (None, len(value)):
             raise ValueError(f"{place} has {len(value)} entries, but must have {shape[0]}")
-        return [_read_entry(entry, one, shape[1:], f"{place}[{k}]") for k, one in enumerate(value)]
+        return [_read_entry(entry, item, shape[1:], f"{place}[{k}]") for k, item in enumerate(value)]
     kind, name = _WORDS.get(entry.unit, (object, ""))
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         raise ValueError(f"{said} must be {name}")
@@ -65,7 +65,7 @@ def _read_entry(entry: Entry, value: Any, shape: tuple[int | None, ...], place: 
 
 
 def make(file: Path, place: str, data: Any, kinds: Iterable[type[Checked]], robot: Robot | None = None) -> Any:
-    """What a table of a file describes, whose ``kind`` is that of one of the ``kinds``; ``robot`` names its tubes."""
+    """Build the object that a table describes; its ``kind`` selects one of ``kinds``, ``robot`` resolves tube names."""
     tables = {table.kind: table for kind in kinds for table in kind.tables()}
     table, values = at(file, place, lambda: _values(tables, data))
     if "tube" in values and robot is not None:
@@ -82,7 +82,7 @@ def make(file: Path, place: str, data: Any, kinds: Iterable[type[Checked]], robo
 
 
 def _values(tables: dict[str, Table], data: Any) -> tuple[Table, dict[str, Any]]:
-    """The table of a kind, and the values of its entries."""
+    """Select the table of a kind, and read the values of its entries."""
     if not isinstance(data, dict):
         raise ValueError(f" = {reprlib.repr(data)} must be a table with a kind")
     kind = data.get("kind")
@@ -93,7 +93,7 @@ def _values(tables: dict[str, Table], data: Any) -> tuple[Table, dict[str, Any]]
     entries = dict(table.entries)
     replaced = table.csv[1] if table.csv is not None and "file" in values else {}
     if beside := [name for name in replaced if name in values]:
-        raise ValueError(f".file is given beside {' and '.join(beside)}: give one of them")
+        raise ValueError(f".file and {' and '.join(beside)} are both given: give one of them")
     if table.needed or table.csv is not None:
         entries["file" if table.needed else "file?"] = Entry("text")
     return table, read({key: entry for key, entry in entries.items() if key.removesuffix("?") not in replaced}, values)
@@ -110,8 +110,8 @@ def _nearest(key: str, known: list[str]) -> str:
 
 
 def tube_index(robot: Robot, tube: Any) -> int:
-    """Which tube is meant by a name or an index; ``ValueError`` where none is."""
-    names = [one.name for one in robot.tubes]
+    """Resolve a tube's name or index to its index; ``ValueError`` if there is no such tube."""
+    names = [candidate.name for candidate in robot.tubes]
     if isinstance(tube, str) and tube in names:
         return names.index(tube)
     if isinstance(tube, int) and not isinstance(tube, bool) and 0 <= tube < len(names):

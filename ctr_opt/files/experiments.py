@@ -1,4 +1,4 @@
-"""Experiments as CSV tables that a lab can fill: a line for each, units in the header."""
+"""CSV tables of experiments that a lab can fill: one line per experiment, units in the header."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .text import write_atomically
 
 _AXES = ("x", "y", "z")
 _QUATERNION = ("qw", "qx", "qy", "qz")
-_UNIT = 1e-2  # a quaternion's norm may be so far from one by rounding
+_UNIT = 1e-2  # allowed deviation of a quaternion's norm from one, by rounding
 _POINT = re.compile(r"base|tip|tube\d+")
 
 
@@ -45,33 +45,36 @@ def read_experiments(
     sensor: str | None = None,
     sigmas: Mapping[str, Any] | None = None,
 ) -> list[Experiment]:
-    """Read a table of experiments.
+    """Read a CSV table of experiments.
 
     Parameters
     ----------
     path
-        A CSV file. Its first line names the columns, each with its unit in brackets (without: SI): ``rotation_0 [deg]``
-        and ``translation_0 [mm]`` for each tube; as far as there are any, ``force_x [N]``, ``force_y``, ``force_z``
-        (world frame, at the innermost tube's tip) and what was measured: ``tip_x [mm]`` and so on, ``tube1_x``
-        (the distal end of tube 1), ``base_x`` (the entry point), ``direction_x`` (the tangent
-        at the tip, of any length) or ``tip_qw, tip_qx, tip_qy, tip_qz`` (with ``tip_x``: a unit quaternion, its scalar
-        ``qw``, that takes vectors of the tip's material frame to the world's); and ``name``. ``#`` begins a comment.
-        An empty field is something that was not measured.
+        A CSV file. Its first line names the columns, each with its unit in brackets (default: SI). ``#`` begins a
+        comment. An empty field was not measured. Columns are:
+
+        - ``rotation_0 [deg]`` and ``translation_0 [mm]`` for each tube, required.
+        - ``force_x [N]``, ``force_y``, ``force_z``: a known force on the innermost tube's tip, world frame.
+        - ``tip_x [mm]`` and so on, ``tube1_x`` (the distal end of tube 1), ``base_x`` (the entry point): positions.
+        - ``direction_x`` and so on: the tangent at the tip, of any length.
+        - ``tip_qw, tip_qx, tip_qy, tip_qz`` instead, with ``tip_x``: a unit quaternion with the scalar ``qw`` that
+          takes vectors of the tip's material frame to the world's.
+        - ``name``: a name for reports.
     tubes
-        How many tubes the robot has.
+        Number of the robot's tubes.
     sigma, direction_sigma
-        Standard deviations of positions (m; a number, one for each axis, or a covariance) and of the direction's or
-        orientation's angle (rad, about each axis).
+        Standard deviations of positions (m; one number, one per axis, or a covariance) and of the angle of the
+        direction or orientation (rad, about each axis).
     sensor
-        A name, if tips, directions (its z axis) and orientations are those of a sensor on the innermost tube, in an
-        unknown pose: see :class:`~ctr_opt.PositionMeasurement`.
+        Name of the sensor on the innermost tube, in an unknown pose, that measured tips, directions (its z axis) and
+        orientations; None: the tip itself was measured. See :class:`~ctr_opt.PositionMeasurement`.
     sigmas
-        Standard deviations of other vectors, SI, numbers or one for each axis, by the names of their columns.
+        Standard deviations of other vectors by the names of their columns, SI: one number, or one per axis.
 
     Raises
     ------
     DefinitionError
-        Names the file, the line, the column and what is allowed.
+        The table is not valid; the message names the file, the line, the column and what is allowed.
 
     Examples
     --------
@@ -81,43 +84,43 @@ def read_experiments(
     file = Path(path)
     for name in sigmas or {}:
         if name not in COLUMNS:
-            raise DefinitionError(f"sigmas has {name!r}, which is no vector of a table: {', '.join(COLUMNS) or 'none'}")
+            raise DefinitionError(f"sigmas has unknown vector {name!r}; allowed are {', '.join(COLUMNS) or 'none'}")
     header, rows = read_rows(file)
     columns = _columns(file, header, tubes)
     noise = {"sigma": sigma, "direction_sigma": direction_sigma, "sensor": sensor, "sigmas": sigmas or {}}
-    found = []
+    experiments = []
     for line, row in rows:
         values = {
             name: value_of(file, line, name, row[k], factor) for name, (k, factor) in columns.items() if name != "name"
         }
         name = row[columns["name"][0]].strip() if "name" in columns else f"line {line}"
-        found.append(_Row(f"{file}: line {line}", values, tubes, **noise).experiment(name))
-    return found
+        experiments.append(_Row(f"{file}: line {line}", values, tubes, **noise).experiment(name))
+    return experiments
 
 
 def _columns(file: Path, header: list[str], tubes: int) -> dict[str, tuple[int, float]]:
-    """Where each column stands, and by what its numbers are multiplied to be SI."""
+    """Find the index of each column, and the factor that converts its numbers to SI."""
     allowed = (
         "name, rotation_i, translation_i, force_x, and of measurements base_x, tip_x, tube<i>_x, direction_x, "
         f"{''.join(f'{name}_x, ' for name in COLUMNS)}with y and z likewise, tip_qw, tip_qx, tip_qy, tip_qz, for tubes "
         f"0 to {tubes - 1}"
     )
-    found = columns_of(file, header, lambda name: _unit(name, tubes), allowed)
+    columns = columns_of(file, header, lambda name: _unit(name, tubes), allowed)
     needed = [f"{kind}_{i}" for kind in ("rotation", "translation") for i in range(tubes)]
-    vectors = {name.rpartition("_")[0] for name in found if name[-2:] in ("_x", "_y", "_z")}
+    vectors = {name.rpartition("_")[0] for name in columns if name[-2:] in ("_x", "_y", "_z")}
     needed += [f"{name}_{axis}" for name in vectors for axis in _AXES]
-    if any(name.startswith("tip_q") for name in found):
+    if any(name.startswith("tip_q") for name in columns):
         needed += [f"tip_{end}" for end in (*_AXES, *_QUATERNION)]
-        if "direction_x" in found:
+        if "direction_x" in columns:
             raise DefinitionError(f"{file}: give the tip's orientation by direction_x or by tip_qw, not by both")
     for name in needed:
-        if name not in found:
+        if name not in columns:
             raise DefinitionError(f"{file}: column {name!r} is missing")
-    return found
+    return columns
 
 
 def _unit(name: str, tubes: int) -> str | None:
-    """The SI unit of a column, None for a name that is none."""
+    """Return the SI unit of a column, None for an unknown name."""
     if name == "name":
         return "1"
     stem, _, end = name.rpartition("_")
@@ -137,7 +140,7 @@ def _unit(name: str, tubes: int) -> str | None:
 
 @attrs.frozen
 class _Row:
-    """The numbers of a line, SI, NaN where empty, and what is known of their noise."""
+    """Numbers of a line, SI, NaN for empty fields, with their standard deviations."""
 
     where: str
     values: dict[str, float]
@@ -153,7 +156,7 @@ class _Row:
     def experiment(self, name: str) -> Experiment:
         joints = self.read("rotation", range(self.tubes)), self.read("translation", range(self.tubes))
         if not np.isfinite(joints).all():
-            raise DefinitionError(f"{self.where}: rotations and translations must all be given")
+            raise DefinitionError(f"{self.where}: all rotations and translations must be given")
         force = np.nan_to_num(self.read("force", _AXES)).tolist()
         try:
             measured = [*self._points(), *self._tip(), *self._vectors()]
@@ -164,7 +167,7 @@ class _Row:
             raise DefinitionError(f"{self.where}: {error}") from None
 
     def _points(self) -> list[Measurement]:
-        """Positions, but for a sensor's or a pose's."""
+        """Position measurements, without those of a sensor or a pose."""
         places: list[Place] = []
         points = []
         for column in self.values:
@@ -184,29 +187,29 @@ class _Row:
 
     @property
     def _alone(self) -> bool:
-        """Whether the tip is measured apart from other points."""
+        """Whether the tip is measured separately from other points."""
         return self.sensor is not None or self._turned
 
     def _tip(self) -> list[Measurement]:
-        """What a sensor shows, and the tip's orientation."""
-        found: list[Measurement] = []
+        """Measurements of a sensor, and of the tip's orientation."""
+        measurements: list[Measurement] = []
         point, direction = self.read("tip", _AXES), self.read("direction", _AXES)
         if self._turned:
-            found.append(PoseMeasurement(None, self._pose(point), self._pose_sigma, sensor=self.sensor))
+            measurements.append(PoseMeasurement(None, self._pose(point), self._pose_sigma, sensor=self.sensor))
         elif self._alone and np.isfinite(point).all():
-            found.append(PositionMeasurement(None, point, self.sigma, self.sensor))
+            measurements.append(PositionMeasurement(None, point, self.sigma, self.sensor))
         if np.isfinite(direction).all():
-            found.append(TangentMeasurement(None, direction, self.direction_sigma, self.sensor))
-        return found
+            measurements.append(TangentMeasurement(None, direction, self.direction_sigma, self.sensor))
+        return measurements
 
     def _vectors(self) -> list[Measurement]:
-        """What kinds of measurements have columns of their own."""
-        found = []
+        """Measurements of kinds that define their own columns."""
+        measurements = []
         for kind in MEASUREMENTS:
             vectors = {name: np.array(self.read(name, _AXES)) for name in kind.columns}
             if vectors and all(np.isfinite(vector).all() for vector in vectors.values()):
-                found.append(kind.of_columns(vectors, {name: self.sigmas.get(name) for name in vectors}))
-        return found
+                measurements.append(kind.of_columns(vectors, {name: self.sigmas.get(name) for name in vectors}))
+        return measurements
 
     def _pose(self, point: list[float]) -> Array:
         from scipy.spatial.transform import Rotation
@@ -222,9 +225,9 @@ class _Row:
 
     @property
     def _pose_sigma(self) -> Array | None:
-        """Covariance of a pose."""
+        """Covariance ``(6, 6)`` of a pose; None if no standard deviations are given."""
         if (self.sigma is None) != (self.direction_sigma is None):
-            raise DefinitionError("sigma: give it for positions and directions, or for none")
+            raise DefinitionError("sigma must be given for both positions and directions, or for neither")
         if self.sigma is None or self.direction_sigma is None:
             return None
         covariance = np.eye(6) * number(self.direction_sigma, "direction_sigma", above=0.0) ** 2
@@ -236,11 +239,29 @@ class _Row:
 def write_experiments(
     path: str | Path, experiments: Sequence[Experiment], comment: str = "", *, decimals: int = 4
 ) -> None:
-    """Write experiments with positions at the entry, tubes' ends and the tip, and its direction, to such a table.
+    """Write experiments to a CSV table that :func:`read_experiments` reads.
 
-    In mm, degrees and N; ``decimals`` of what was measured. What an experiment does not have is left empty.
+    Positions at the entry, the tubes' ends and the tip, and the tip's direction, have columns. Units are mm, degrees
+    and N. Fields that an experiment does not have are empty.
+
+    Parameters
+    ----------
+    path
+        The CSV file, in a folder that exists. An existing file is replaced.
+    experiments
+        The experiments.
+    comment
+        Text for the first lines, written behind ``#``.
+    decimals
+        Number of decimals of measured values.
+
+    Raises
+    ------
+    DefinitionError
+        A position has no column, or the file cannot be written.
     """
-    rows = [_cells(each, any(one.loads for one in experiments), decimals) for each in experiments]
+    loaded = any(experiment.loads for experiment in experiments)
+    rows = [_cells(experiment, loaded, decimals) for experiment in experiments]
     columns = list(dict.fromkeys(name for row in rows for name in row))
 
     def write(part: Path) -> None:
@@ -255,7 +276,7 @@ def write_experiments(
 
 
 def _cells(experiment: Experiment, loaded: bool, decimals: int) -> dict[str, str]:
-    """The fields of an experiment by their columns."""
+    """Format the fields of an experiment by their columns."""
     joints, exact, rounded = experiment.actuation, "{:.12g}", f"{{:.{decimals}f}}"
     cells = {"name": experiment.name}
 
@@ -293,5 +314,5 @@ def _stem(place: Place) -> str:
     if place == 0.0:
         return "base"
     raise DefinitionError(
-        f"arc_length = {place:g} m has no column in a table: only the entry, ends of tubes and the tip"
+        f"arc_length = {place:g} m has no column in a table: only the entry, ends of tubes and the tip have one"
     )

@@ -1,4 +1,4 @@
-"""Figures on disk."""
+"""Saving of figures to files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _DPI = 150
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure, the whole file or nothing; the suffix says the format.
+    """Save a figure, the whole file or nothing; the suffix selects the format.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     DefinitionError
-        Another suffix, or no such folder.
+        The suffix is not allowed, or the folder does not exist.
     """
     target = Path(path)
     check_output(target, FIGURES)

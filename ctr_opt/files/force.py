@@ -1,4 +1,4 @@
-"""Force problems in files: a robot's actuation, what was measured on it, and the loads that are sought."""
+"""Force files: a robot, its actuation, measurements on it, and the unknown loads."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .problem import About, about, opened
 from .schemas import FORCE
 from .text import at
 
-_MOST = 4.0  # standard errors that an estimate from synthetic data may be off the truth
+_MOST = 4.0  # standard errors: largest allowed error of an estimate from synthetic data
 _DENSITY = {"s": "m", "f_x": "N/m", "f_y": "N/m", "f_z": "N/m"}
-_WITHIN, _SHARE = 2.0, 0.85  # standard errors of a density, and the share of it that is no farther off
+_WITHIN, _SHARE = 2.0, 0.85  # standard errors of a density, and the share of it that must lie within them
 
 
 @attrs.frozen(eq=False)
@@ -34,9 +34,9 @@ class ForceProblem(About):
     Attributes
     ----------
     problem, actuation, measurements, loads
-        What is solved: ``loads`` are the known ones.
+        The problem and its data; ``loads`` are the known ones.
     truth, expected
-        Of synthetic data, what they were made with and what an estimate should say of them.
+        For synthetic data: the true values, and what the estimate should be.
     """
 
     problem: ForceEstimationProblem
@@ -47,11 +47,11 @@ class ForceProblem(About):
     expected: dict[str, Any]
 
     def solve(self) -> ForceEstimate:
-        """The estimate."""
+        """Estimate the unknown loads."""
         return self.problem.solve(self.actuation, self.measurements, self.loads)
 
     def verdicts(self, estimate: ForceEstimate) -> dict[str, bool]:
-        """What the file says of the answer, in words, and whether it is so."""
+        """Check the estimate against the file: statements in words, each with whether it holds."""
         verdicts = dict(self._by_truth(estimate))
         if "standard_errors" in self.expected:
             ratios = estimate.deviations / np.array(self.expected["standard_errors"])
@@ -68,7 +68,7 @@ class ForceProblem(About):
         return verdicts
 
     def _by_truth(self, estimate: ForceEstimate) -> Iterator[tuple[str, bool]]:
-        """What synthetic data were made with, beside what was found."""
+        """Compare the estimate with the true values of synthetic data."""
         if "contacts" in self.truth:
             count = len(estimate.case.contacts)
             yield f"{count} contacts", count == self.truth["contacts"]
@@ -100,8 +100,8 @@ def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn"
     Parameters
     ----------
     path
-        A TOML file with a robot, ``[actuation]``, ``[[measurements]]``, ``[[unknown]]`` and, if any are known,
-        ``[[loads]]``; see ``docs/reference/files.md``. Tables that it names are looked for beside it.
+        A TOML file with a robot, ``[actuation]``, ``[[measurements]]``, ``[[unknown]]`` and, for known loads,
+        ``[[loads]]``; see ``docs/reference/files.md``. CSV files that it names are expected beside it.
     on_overlap
         As in :func:`load_robot`.
 
@@ -120,7 +120,7 @@ def load_force_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn"
     sigmas = {name: joints.pop(name, None) for name in ("rotation_sigma", "translation_sigma")}
     actuation = at(file, "actuation", lambda: Actuation(**joints))
     unknown, measured, loads = (
-        tuple(make(file, f"{name}[{k}]", one, kinds, robot) for k, one in enumerate(data.get(name, [])))
+        tuple(make(file, f"{name}[{k}]", table, kinds, robot) for k, table in enumerate(data.get(name, [])))
         for name, kinds in (("unknown", UNKNOWN_LOADS), ("measurements", MEASUREMENTS), ("loads", LOADS))
     )
     loss = data.get("loss", "squared")

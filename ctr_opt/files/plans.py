@@ -33,7 +33,7 @@ class Plan(About):
     problems
         One problem for each line of the table, in its order; each can be solved and compared by itself.
     expected
-        How the expected tips of the table are known (``text``), and their ``position_tolerance``, m.
+        Source of the expected tips in the table (``text``), and their ``position_tolerance``, m.
     """
 
     robot: Robot
@@ -42,7 +42,7 @@ class Plan(About):
 
 
 def load_plan(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Plan:
-    """Read a plan of experiments: a robot file's name, and a table with a line for each experiment.
+    """Read a plan of experiments: the name of a robot file, and a table with one line per experiment.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _case(frame: Problem, forward: ForwardProblem, case: int, values: dict[str, 
 
 
 def check_plan(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str:
-    """Read a plan and say in a few lines what it holds."""
+    """Read a plan and summarize it in a few lines."""
     plan = load_plan(path, on_overlap=on_overlap)
     ends = [t.length for t in plan.robot.tubes]
     lengths = [1e3 * float((ends + problem.actuation.translations).max()) for problem in plan.problems]
@@ -120,5 +120,5 @@ def is_plan(path: str | os.PathLike[str]) -> bool:
 
 
 def find_plans(folder: str | os.PathLike[str]) -> list[Path]:
-    """The plans below a folder, in order."""
+    """Find the plans below a folder, in order."""
     return [file for file in sorted(Path(folder).rglob("*.toml")) if file.is_file() and is_plan(file)]

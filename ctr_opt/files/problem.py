@@ -1,4 +1,4 @@
-"""Robots and problems in TOML files, with tables in CSV; contents are data and never executed."""
+"""Robot and problem files in TOML, with tables in CSV; contents are data and never executed."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ _TOLERANCES = {
 
 @attrs.frozen(eq=False)
 class About:
-    """What every file but a robot's says of itself.
+    """Title, description and source of a file; every file except a robot file has them.
 
     Attributes
     ----------
     path, title, description
-        Which file it is, and what it is about.
+        The file, its title, and its subject.
     source, does_not_claim
-        Where its numbers come from, and what they do not claim.
+        The source of its numbers, and what they do not claim.
     """
 
     path: Path = attrs.field(kw_only=True)
@@ -53,14 +53,14 @@ class About:
 
 @attrs.frozen
 class Problem(About):
-    """A problem read from a file: what to solve, where it comes from, what a right answer is.
+    """A problem read from a file: a robot, its actuation and loads, with source and expected answer.
 
     Attributes
     ----------
     robot, actuation, loads, solver
-        What to solve; ``solver`` holds arguments of :class:`~ctr_opt.ForwardProblem`.
+        The problem to solve; ``solver`` holds arguments of :class:`~ctr_opt.ForwardProblem`.
     expected
-        The right answer as far as known, by name, with tolerances.
+        Known values of the answer, by name, with tolerances.
     """
 
     robot: Robot
@@ -70,32 +70,40 @@ class Problem(About):
     expected: dict[str, Any] = attrs.field(factory=dict)
 
     def with_solver(self, arguments: dict[str, Any]) -> Problem:
-        """The problem with other arguments of :class:`~ctr_opt.ForwardProblem`."""
+        """Copy the problem with some arguments of :class:`~ctr_opt.ForwardProblem` replaced."""
         return attrs.evolve(self, solver={**self.solver, **arguments})
 
     def solve(self, *, loaded: bool = True, throw: bool = True) -> Equilibrium:
-        """Solve it, or the same robot without its loads."""
+        """Solve the problem, with or without its loads.
+
+        Parameters
+        ----------
+        loaded
+            Whether the loads act.
+        throw
+            Raise ``SolveError`` if the solve fails; otherwise return the failed equilibrium.
+        """
         forward = ForwardProblem(self.robot, **self.solver)
         return forward.solve(self.actuation, self.loads if loaded else (), throw=throw)
 
     def deviations(self, equilibrium: Equilibrium) -> dict[str, tuple[float, float]]:
-        """Largest deviation from each expected value, and the tolerance the file gives it."""
+        """Largest deviation from each expected value, with its tolerance from the file."""
         torsions = [equilibrium.torsion(i, 0.0) for i in range(len(self.robot.tubes))]
-        found = {
+        values = {
             "tip_position": equilibrium.tip_position,
             "tip_height_and_distance": _height_and_distance(equilibrium),
             "tip_direction": equilibrium.tip_pose[:3, 2],
             "base_torsions": np.array(torsions),
         }
         return {
-            name: (float(np.abs(found[name] - self.expected[name]).max()), float(self.expected[tolerance]))
+            name: (float(np.abs(values[name] - self.expected[name]).max()), float(self.expected[tolerance]))
             for name, tolerance in _TOLERANCES.items()
             if name in self.expected
         }
 
 
 def _height_and_distance(equilibrium: Equilibrium) -> Array:
-    """The tip's height along the entry's z axis and its distance from it, m: the same however the robot is turned."""
+    """Height of the tip along the entry's z axis and distance from it, m; independent of a turn of the robot."""
     base = equilibrium.robot.base_pose
     x, y, z = base[:3, :3].T @ (equilibrium.tip_position - base[:3, 3])
     return np.array([z, np.hypot(x, y)])
@@ -107,10 +115,10 @@ def load_robot(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Rob
     Parameters
     ----------
     path
-        A TOML file with ``[[tubes]]`` from the innermost to the outermost; quantities are numbers in SI or texts with
-        units (``"1.75 mm"``). CSV files it names are looked for beside it.
+        A TOML file with ``[[tubes]]`` from the innermost to the outermost. Quantities are numbers in SI or texts with
+        units (``"1.75 mm"``). CSV files that it names are expected beside it.
     on_overlap
-        What to do where tubes do not nest: ``"warn"``, ``"error"`` or ``"ignore"``.
+        What to do if tubes do not nest: ``"warn"``, ``"error"`` or ``"ignore"``.
 
     Raises
     ------
@@ -132,7 +140,20 @@ def load_robot(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Rob
 
 
 def save_robot(robot: Robot, path: str | os.PathLike[str]) -> None:
-    """Write a robot file, SI numbers in full precision; :func:`load_robot` reads the same robot back."""
+    """Write a robot file with SI numbers in full precision, which :func:`load_robot` reads back.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    path
+        The TOML file, in a folder that exists. An existing file is replaced.
+
+    Raises
+    ------
+    DefinitionError
+        ``robot`` is not a Robot, or the file cannot be written.
+    """
     import tomli_w
 
     if not isinstance(robot, Robot):
@@ -143,7 +164,7 @@ def save_robot(robot: Robot, path: str | os.PathLike[str]) -> None:
 
 
 def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> Problem:
-    """Read a problem file: a robot file's name, actuation, loads, source and expected answer.
+    """Read a problem file: the name of a robot file, actuation, loads, source and expected answer.
 
     Parameters
     ----------
@@ -166,7 +187,7 @@ def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> P
         raise DefinitionError(f"{Path(path)} is a plan of many cases: read it with load_plan")
     file, data, robot = opened(path, PROBLEM, on_overlap)
     actuation = at(file, "actuation", lambda: Actuation(**data["actuation"]))
-    loads = tuple(make(file, f"loads[{k}]", one, LOADS, robot) for k, one in enumerate(data.get("loads", [])))
+    loads = tuple(make(file, f"loads[{k}]", load, LOADS, robot) for k, load in enumerate(data.get("loads", [])))
     solver = data.get("solver", {})
     forward = at(file, "solver", lambda: ForwardProblem(robot, **solver))
     at(file, "", lambda: forward.check(actuation, loads))
@@ -175,14 +196,14 @@ def load_problem(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> P
 
 
 def opened(path: str | os.PathLike[str], spec: Any, on_overlap: str) -> tuple[Path, dict[str, Any], Robot]:
-    """A file that names a robot: its path, what it says, checked, and the robot."""
+    """Open a file that names a robot file: return its path, its checked contents, and the robot."""
     file = Path(path)
     data = at(file, "", lambda: read(spec, read_toml(file)))
     return file, data, load_robot(file.parent / data["robot"], on_overlap=on_overlap)
 
 
 def about(file: Path, data: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of :class:`About`."""
+    """Collect the arguments of :class:`About` from a file's contents."""
     return {
         "path": file,
         "title": data["title"],
@@ -193,7 +214,7 @@ def about(file: Path, data: dict[str, Any]) -> dict[str, Any]:
 
 
 def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str:
-    """Read a robot or problem file and say in a few lines what it holds.
+    """Read a robot or problem file and summarize it in a few lines.
 
     Raises
     ------
@@ -213,10 +234,10 @@ def check_file(path: str | os.PathLike[str], *, on_overlap: str = "warn") -> str
 
 
 def find_problems(folder: str | os.PathLike[str]) -> list[Path]:
-    """The problem files below a folder, in order; other TOML files (robots, plans, calibrations) are passed over."""
+    """Find the problem files below a folder, in order; other TOML files (robots, plans, calibrations) are skipped."""
     root = Path(folder)
     if not root.is_dir():
-        raise DefinitionError(f"there is no folder {str(root)!r}")
+        raise DefinitionError(f"the folder {str(root)!r} does not exist")
     return [file for file in sorted(root.rglob("*.toml")) if file.is_file() and _is_problem(file)]
 
 
@@ -226,9 +247,22 @@ def _is_problem(file: Path) -> bool:
 
 
 def save_shape(equilibrium: Equilibrium, path: str | os.PathLike[str]) -> None:
-    """Write the shape at :attr:`~ctr_opt.Equilibrium.arc_length` as ``.csv``, ``.npz`` or ``.json``; SI.
+    """Write a solved shape as ``.csv``, ``.npz`` or ``.json``, SI.
 
-    Past a tube's end its torsion and angle are empty (CSV), null (JSON) or NaN (npz).
+    Rows are at :attr:`~ctr_opt.Equilibrium.arc_length`. Beyond a tube's end its torsion and angle are empty (CSV), null
+    (JSON) or NaN (npz).
+
+    Parameters
+    ----------
+    equilibrium
+        The shape.
+    path
+        The file, in a folder that exists; the suffix selects the format. An existing file is replaced.
+
+    Raises
+    ------
+    DefinitionError
+        The suffix is not allowed, or the file cannot be written.
     """
     from .shapes import WRITERS
 
@@ -250,7 +284,7 @@ def _expected(file: Path, robot: Robot, values: dict[str, Any]) -> dict[str, Any
         if tolerance in values:
             at(file, "expected", partial(number, values[tolerance], tolerance, above=0.0))
     if len(values.get("base_torsions", robot.tubes)) != len(robot.tubes):
-        raise DefinitionError(f"{file}: expected.base_torsions must have {len(robot.tubes)} entries, one for each tube")
+        raise DefinitionError(f"{file}: expected.base_torsions must have {len(robot.tubes)} entries, one per tube")
     return values
 
 

@@ -1,4 +1,4 @@
-"""What robot, problem, plan, calibration and force files may contain; see :func:`ctr_opt.files.described.read`."""
+"""Schemas of robot, problem, plan, calibration and force files; see :func:`ctr_opt.files.described.read`."""
 
 from __future__ import annotations
 

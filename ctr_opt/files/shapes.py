@@ -15,10 +15,10 @@ from ..forward.equilibrium import Equilibrium
 
 
 def shape_columns(equilibrium: Equilibrium) -> dict[str, Array]:
-    """Columns over the arc length, SI; NaN past a tube's end.
+    """Columns of a shape over the arc length, SI; NaN beyond a tube's end.
 
-    Position, curvature, internal force and moment, the quaternion of the innermost tube's frame, and each tube's
-    torsion and angle.
+    They are position, curvature, internal force and moment, the quaternion of the innermost tube's frame, and each
+    tube's torsion and angle.
     """
     from scipy.spatial.transform import Rotation
 
@@ -44,7 +44,7 @@ def shape_columns(equilibrium: Equilibrium) -> dict[str, Array]:
 
 
 def shape_facts(equilibrium: Equilibrium) -> dict[str, Any]:
-    """What a file says of the solve beside its columns."""
+    """Facts about the solve that a file contains besides its columns."""
     return {
         "status": equilibrium.status.name,
         "path": equilibrium.path,

@@ -1,4 +1,4 @@
-"""Text files: TOML read as data, with errors that name the place; files written whole or not at all."""
+"""Text files: TOML read as data, with errors that name the place, and atomic writing."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ _parts: set[Path] = set()  # temporary files of outputs that are being written
 
 
 def read_text(file: Path, kind: str) -> str:
-    """A text file; ``kind`` is what messages say that it should be."""
+    """Read a text file; messages name the expected ``kind``."""
     try:
         return file.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise DefinitionError(f"{file} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise DefinitionError(f"{file} is no text in UTF-8, so no {kind} file") from None
+        raise DefinitionError(f"{file} is not UTF-8 text, so it is not a {kind} file") from None
     except ValueError as error:
         raise DefinitionError(f"{str(file)!r} cannot be read: {error}") from None
 
 
 def read_toml(file: Path) -> dict[str, Any]:
-    """The tables of a TOML file."""
+    """Read the tables of a TOML file."""
     try:
         return tomllib.loads(read_text(file, "TOML"))
     except tomllib.TOMLDecodeError as error:
-        raise DefinitionError(f"{file} is no valid TOML, perhaps cut off: {error}") from None
+        raise DefinitionError(f"{file} is not valid TOML, perhaps truncated: {error}") from None
     except RecursionError:
         raise DefinitionError(f"{file} is nested too deeply to be a robot or problem file") from None
 
 
 def keys_of(path: str | os.PathLike[str]) -> set[str]:
-    """The keys of a TOML file, by which kinds of files differ; none where it cannot be read."""
+    """Read the top-level keys of a TOML file, which distinguish kinds of files; empty if it cannot be read."""
     try:
         return set(read_toml(Path(path)))
     except DefinitionError:
@@ -48,14 +48,14 @@ def keys_of(path: str | os.PathLike[str]) -> set[str]:
 
 
 def at(file: Path, place: str, build: Callable[[], _T]) -> _T:
-    """Build something; an error is told with the file and the place in it."""
+    """Call ``build``; an error then names the file and the place in it."""
     try:
         return build()
     except CtrOptError as error:
         text = str(error)
         raise DefinitionError(text if text.startswith(str(file)) else f"{file}: {_joined(place, text)}") from None
     except ValueError as error:
-        raise DefinitionError(f"{file}: {(place + str(error)).lstrip('.').strip()}") from None
+        raise DefinitionError(f"{file}: {(place + str(error)).lstrip('.: ').strip()}") from None
 
 
 def _joined(place: str, text: str) -> str:
@@ -63,7 +63,7 @@ def _joined(place: str, text: str) -> str:
 
 
 def check_output(path: Path, suffixes: tuple[str, ...]) -> None:
-    """Refuse a place that cannot be written."""
+    """Refuse an output path with a wrong suffix, or that cannot be written."""
     if path.suffix not in suffixes:
         raise DefinitionError(f"output = {str(path)!r} must end in {', '.join(suffixes)}")
     if not path.parent.is_dir():
@@ -73,9 +73,9 @@ def check_output(path: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let ``write`` fill a temporary file beside ``path``, and put it in place only when it is whole.
+    """Let ``write`` fill a temporary file beside ``path``, and rename it only when it is complete.
 
-    The temporary file is removed whatever happens, unless the process is killed: then ``.NAME.*.part.SUFFIX`` stays.
+    The temporary file is always removed, unless the process is killed: then ``.NAME.*.part.SUFFIX`` remains.
     """
     if not path.parent.is_dir():
         raise DefinitionError(f"{path}: the folder {str(path.parent)!r} does not exist")
@@ -100,14 +100,14 @@ def _create(part: Path, path: Path) -> None:
 
 
 def _remove(part: Path) -> None:
-    with suppress(OSError, ValueError):  # the latter where no file can have such a name
+    with suppress(OSError, ValueError):  # ValueError: no file can have such a name
         part.unlink(missing_ok=True)
     _parts.discard(part)
 
 
 @atexit.register
 def _leave_no_parts() -> None:
-    """Remove what is being written when a signal ends the process on the spot."""
+    """Remove incomplete files when a signal ends the process."""
     for part in list(_parts):
         _remove(part)
 

@@ -1,4 +1,4 @@
-"""Numbers with units as text, ``"1.75 mm"``, in files; a bare number is SI."""
+"""Numbers in files with units as text, ``"1.75 mm"``; a bare number is SI."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ _KINDS = {
 
 
 def to_si(value: Any, unit: str) -> float:
-    """``value``, a number in SI or a text with a unit, in ``unit``.
+    """Convert a number in SI, or a text with a unit, to ``unit``.
 
-    Raises ``ValueError`` with what is wrong in half a sentence.
+    ``ValueError`` describes the problem in the second half of a sentence.
 
     >>> to_si("1.75 mm", "m"), to_si(2, "m")
     (0.00175, 2.0)
@@ -73,7 +73,7 @@ def to_si(value: Any, unit: str) -> float:
     if text is None:
         return _finite(number, unit)
     if text.startswith(","):
-        raise ValueError("has a comma where a number has a point")
+        raise ValueError("has a comma where a number must have a point")
     return _finite(number * _factor(text.strip(), unit), unit)
 
 
@@ -99,17 +99,19 @@ def _factor(text: str, unit: str) -> float:
     import pint
 
     if not _UNIT.fullmatch(text):
-        raise ValueError(f"has no unit that is known: {text!r}{_nearest(text)}")
+        raise ValueError(f"has the unknown unit {text!r}{_nearest(text)}")
     registry = _registry()
     try:
-        given = registry.parse_units(text)
-        factor = float(registry.Quantity(1.0, given).to(unit).magnitude)
+        parsed = registry.parse_units(text)
+        factor = float(registry.Quantity(1.0, parsed).to(unit).magnitude)
     except pint.DimensionalityError:
-        raise ValueError(f"must be {_meaning(unit)}, but {text!r} is none of its units") from None
+        raise ValueError(f"must be {_meaning(unit)}, but has the unit {text!r}") from None
     except Exception:
-        raise ValueError(f"has no unit that is known: {text!r}{_nearest(text)}") from None
-    if unit == "rad" and not set(_ANGLES) & {name.removeprefix("milli").removeprefix("micro") for name in given._units}:
-        raise ValueError(f"must be {_meaning(unit)}, but {text!r} is none of its units")
+        raise ValueError(f"has the unknown unit {text!r}{_nearest(text)}") from None
+    if unit == "rad" and not set(_ANGLES) & {
+        name.removeprefix("milli").removeprefix("micro") for name in parsed._units
+    }:
+        raise ValueError(f"must be {_meaning(unit)}, but has the unit {text!r}")
     return factor
 
 

@@ -102,7 +102,7 @@ def test_the_data_are_what_their_truth_gives(given, tmp_path):
     ("change", "message"),
     [
         (lambda text: text.replace("rotation_0 [deg]", "rotation_0 [mm]"), "must be an angle"),
-        (lambda text: text.replace("tip_x [mm]", "top_x [mm]"), "'top_x .mm.' is no column here"),
+        (lambda text: text.replace("tip_x [mm]", "top_x [mm]"), "unknown column 'top_x .mm.'"),
         (lambda text: text.replace("case 1,0,0", "case 1,zero,0"), "line 3, column 'rotation_0': 'zero' must be"),
     ],
 )

@@ -176,7 +176,7 @@ TIP = "tip_x,tip_y,tip_z"
             {},
             r"line 2: tip_qw, ... = \[1.0, 1.0, 0.0, 0.0\] must have a norm",
         ),
-        (f"{TIP},{QUATERNION}", "0,0,0,0,1,1,0,0,0", {"sigma": None}, "sigma: give it for positions and directions"),
+        (f"{TIP},{QUATERNION}", "0,0,0,0,1,1,0,0,0", {"sigma": None}, "sigma must be given for both positions and directions"),
         (f"{TIP},{QUATERNION},direction_x,direction_y,direction_z", "0" + 11 * ",0", {}, "not by both"),
         (TIP, "0,0,0,0,1", {"sensor": "my coil"}, "line 2: sensor = 'my coil' must be a name"),
     ],
@@ -209,7 +209,7 @@ def test_the_file_in_the_docs_is_one(tmp_path):
         (("seed = 1\n", ""), r"hold_out.seed is missing"),
         (('sensor = "coil"', 'sensor = "ring"'), "no measurement has a sensor 'coil'; measured sensors: 'ring'"),
         (('tied = ["tubes[0]', 'prior = 1.0, tied = ["tubes[0]'), "file.toml: prior = 1.0 must be a pair"),
-        (("{ name = ", "{ nme = "), r"parameters\[11\].nme is no key here; did you mean 'name'"),
+        (("{ name = ", "{ nme = "), r"parameters\[11\]: unknown key 'nme'; did you mean 'name'"),
     ],
 )
 def test_wrong_calibrations(tmp_path, change, message):

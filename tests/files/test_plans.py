@@ -165,15 +165,15 @@ TOML = (FOLDER / "plan.toml").read_text("utf-8")
         ([HEADER, "", "# a comment", ROW + ",1"], "", ["line 4 has 11 entries, but must have 10"]),
         ([HEADER, ROW.replace("-0.2", "0.2")], "", ["plan.csv: line 2: translations[0] = 0.2 m", "at most 0"]),
         ([HEADER, ROW.replace("-0.2", "-0.5")], "", ["plan.csv: line 2", "behind the entry"]),
-        ([HEADER.replace("tip_z", "tipz"), ROW], "", ["plan.csv: column 'tipz' is no column", "tip_z"]),
+        ([HEADER.replace("tip_z", "tipz"), ROW], "", ["plan.csv: unknown column 'tipz'", "tip_z"]),
         ([HEADER.replace("tip_z", "tip_y"), ROW], "", ["column 'tip_y' is given twice"]),
         ([HEADER.removesuffix(",tip_z"), ROW.removesuffix(",0.1")], "", ["plan.csv: column 'tip_z' is missing"]),
-        ([HEADER], "", ["plan.csv must hold a line of names (rotation_0, "]),
+        ([HEADER], "", ["plan.csv must contain a line of column names (rotation_0, "]),
         ([HEADER, ROW], TOML.replace("plan.csv", "none.csv"), ["none.csv cannot be read"]),
         ([HEADER, ROW], TOML.replace("20 nm", "0 m"), ["expected: position_tolerance = 0", "above 0"]),
         ([HEADER, ROW], TOML.replace('position_tolerance = "20 nm"', ""), ["expected.position_tolerance is missing"]),
         ([HEADER, ROW], TOML + "[solver]\ntolerance = 1.0\n", ["plan.toml: solver: tolerance = 1 must be"]),
-        ([HEADER, ROW], TOML.replace("cases =", "case ="), ["case is no key here; did you mean 'cases'"]),
+        ([HEADER, ROW], TOML.replace("cases =", "case ="), ["unknown key 'case'; did you mean 'cases'"]),
     ],
 )
 def test_wrong_plans_are_refused(tmp_path, table, toml, words):

@@ -331,7 +331,7 @@ def test_a_spring_is_read_from_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("stiffness", "stifness", r"loads\[0\]\.stifness is no key here; did you mean 'stiffness'\?"),
+        ("stiffness", "stifness", r"loads\[0\]: unknown key 'stifness'; did you mean 'stiffness'\?"),
         ('anchor = ["30 mm", 0, 0.08]', "", r"loads\[0\]\.anchor is missing"),
         ("0.5 N/mm", "5 mm", r"loads\[0\]\.stiffness = '5 mm' must be .*like '2 N/m'"),
         ("0.5 N/mm", "-5 N/m", r"loads\[0\]: stiffness = -5 N/m must be a finite number in N/m, at least 0"),

@@ -214,7 +214,7 @@ FILES = {
         "robot",
         "[[tubes]]",
         '"a\\n\\u001b[31mb" = 1\n[[tubes]]',
-        ["a\\n\\x1b[31mb", "no key"],
+        ["a\\n\\x1b[31mb", "unknown key"],
     ),
     "a file name with a line break": (
         "robot",
@@ -246,7 +246,7 @@ FILES = {
         ["precurvature[0].curvature", "missing"],
     ),
     "poisson ratio of text": ("robot", "poisson_ratio = 0.3", 'poisson_ratio = "0.3"', ["poisson_ratio", "'0.3'"]),
-    "a power of powers": ("robot", '"1 mm"', '"1 m^9^9^9^9"', ["outer_diameter", "no unit"]),
+    "a power of powers": ("robot", '"1 mm"', '"1 m^9^9^9^9"', ["outer_diameter", "unknown unit"]),
     "decimal comma": ("robot", '"1 mm"', '"1,5 mm"', ["outer_diameter", "comma"]),
     "pose of texts": (
         "robot",

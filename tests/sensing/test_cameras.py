@@ -95,7 +95,7 @@ def test_cameras_from_a_file(tmp_path):
     [
         ("", r"must be tables \[\[cameras\]\]"),
         ("[[cameras]]\npose = 1", r"cameras\[0\].intrinsics is missing"),
-        (f"[[cameras]]\nintrinsics = {K}\nfocus = 1", "focus is no key here"),
+        (f"[[cameras]]\nintrinsics = {K}\nfocus = 1", "unknown key 'focus'"),
         (f"[[cameras]]\nintrinsics = {K}\npose = 1\nrotation = [0, 0, 0]", "give one of them"),
         (f"[[cameras]]\nintrinsics = {K}\ntranslation = [0, 0]", r"cameras\[0\]: translation has shape \(2,\)"),
     ],
