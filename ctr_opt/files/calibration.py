@@ -52,7 +52,7 @@ class HoldOut:
         held = np.random.default_rng(self.seed).permutation(count)[: round(self.share * count)]
         if not 0 < len(held) < count:
             raise DefinitionError(
-                f"hold_out.share = {self.share:g} of {count} experiments must hold out at least one and keep at least one"
+                f"hold_out.share = {self.share:g} of {count} experiments must hold out at least one and keep one"
             )
         return sorted(int(k) for k in held)
 

@@ -1,4 +1,4 @@
-"""From camera to data: points, frames, forces and precurvatures of an experiment, each with its uncertainty."""
+"""Sensing: points, frames, forces and precurvatures of an experiment from raw data, each with its uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibrated cameras, also from files: from points in the world to pixels, and from pixels to rays."""
+"""Calibrated cameras, also from files: points in the world to pixels, and pixels to rays."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _distortion(value: Any) -> Array:
     coefficients = array(np.ravel(value) if np.size(value) else np.zeros(0), "distortion", (None,))
     if len(coefficients) not in (0, 4, 5):
         raise DefinitionError(
-            f"distortion has {len(coefficients)} coefficients, but must have none, 4 (k1, k2, p1, p2) or 5 (and k3)"
+            f"distortion has {len(coefficients)} coefficients, but must have none, 4 (k1, k2, p1, p2) or 5 (k3 last)"
         )
     return coefficients
 
@@ -58,32 +58,32 @@ def _resolution(value: Any) -> Array | None:
 
 @attrs.frozen
 class Camera:
-    """A calibrated camera: pinhole with the lens distortion of Brown and Conrady.
+    """A calibrated camera: a pinhole with the Brown-Conrady lens distortion.
 
     A point ``(X, Y, Z)`` in the camera's frame (x to the right, y down, z forward) has normalized coordinates
-    ``(x, y) = (X, Y) / Z``; the lens moves them, with ``r^2 = x^2 + y^2`` and ``c = 1 + k1 r^2 + k2 r^4 + k3 r^6``, to
-    ``(c x + 2 p1 x y + p2 (r^2 + 2 x^2), c y + p1 (r^2 + 2 y^2) + 2 p2 x y)``, which ``intrinsics`` maps to pixels.
+    ``(x, y) = (X, Y) / Z``. With ``r^2 = x^2 + y^2`` and ``c = 1 + k1 r^2 + k2 r^4 + k3 r^6``, the lens moves them to
+    ``(c x + 2 p1 x y + p2 (r^2 + 2 x^2), c y + p1 (r^2 + 2 y^2) + 2 p2 x y)``. ``intrinsics`` maps these to pixels.
 
     Parameters
     ----------
     intrinsics
-        ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``, px, the centre of the first pixel being (0, 0).
+        ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``, px. The centre of the first pixel is (0, 0).
     pose
         Pose of the camera's frame in the world, ``(4, 4)``, m; default identity.
     distortion
-        ``k1, k2, p1, p2`` and perhaps ``k3``, in OpenCV's order; default none.
+        ``k1, k2, p1, p2`` and optionally ``k3``, in OpenCV's order; default none.
     resolution
-        ``(width, height)``, px: pixels outside are then refused.
+        ``(width, height)``, px. If given, pixels outside the image are refused.
 
     Raises
     ------
     DefinitionError
-        Wrong shapes, focal lengths that are not positive, skewed pixels, a pose that is no pose.
+        A shape is wrong, a focal length is not positive, pixels are skewed, or the pose is not rigid.
 
     Notes
     -----
     The model and the order of its coefficients are OpenCV's (``cv2.projectPoints``), and those of the MATLAB
-    calibration toolbox that the paper used. Needs the extra ``sensing``.
+    calibration toolbox that the paper used. Cameras need the extra ``sensing``.
 
     Examples
     --------
@@ -109,12 +109,12 @@ class Camera:
         translation: Any = None,
         resolution: Any = None,
     ) -> Camera:
-        """A camera by what OpenCV's calibration returns: ``X_camera = rotation X_world + translation``.
+        """Make a camera from the results of OpenCV's calibration: ``X_camera = rotation X_world + translation``.
 
         Parameters
         ----------
         intrinsics, distortion, resolution
-            As above.
+            As of :class:`Camera`.
         rotation
             ``(3, 3)``, or a rotation vector ``(3,)``, rad, of the world in the camera; default none.
         translation
@@ -140,19 +140,19 @@ class Camera:
         return self.pose[:3, 3]
 
     def moved(self, pose: Any) -> Camera:
-        """The camera with its world moved by ``pose`` ``(4, 4)``, as by that of a registration."""
+        """Copy the camera with its world moved by ``pose`` ``(4, 4)``, such as the pose of a registration."""
         return attrs.evolve(self, pose=rigid(pose, "pose") @ self.pose)
 
     def in_frame(self, points: Any) -> Array:
-        """Points of the world ``(k, 3)``, m, in the camera's frame."""
+        """Transform points of the world ``(k, 3)``, m, to the camera's frame."""
         return (points_of(points, "points", least=0) - self.position) @ self.pose[:3, :3]
 
     def project(self, points: Any) -> Array:
-        """Pixels ``(k, 2)`` of points of the world ``(k, 3)``, m; points behind the camera are refused."""
+        """Project points of the world ``(k, 3)``, m, to pixels ``(k, 2)``; points behind the camera are refused."""
         return self.linearized(points)[0]
 
     def linearized(self, points: Any) -> tuple[Array, Array]:
-        """Pixels ``(k, 2)`` and their derivatives by the points, ``(k, 2, 3)`` px/m."""
+        """Project points ``(k, 3)``, m, to pixels ``(k, 2)``, with derivatives by the points ``(k, 2, 3)`` px/m."""
         local = self.in_frame(points)
         if len(local) and local[:, 2].min() <= 0.0:
             k = int(np.argmin(local[:, 2]))
@@ -173,7 +173,7 @@ class Camera:
         return pixels[:, 0], jacobian[:, 3:6].reshape(-1, 2, 3)
 
     def sees(self, points: Any) -> Any:
-        """Which points ``(k, 3)``, m, are in front of the camera and, where its resolution is known, in the image."""
+        """Whether points ``(k, 3)``, m, are in front of the camera and, if its resolution is known, in the image."""
         local = self.in_frame(points)
         seen = local[:, 2] > 0.0
         if self.resolution is not None and seen.any():
@@ -181,12 +181,12 @@ class Camera:
         return seen
 
     def undistort(self, pixels: Any) -> Array:
-        """Normalized coordinates ``(k, 2)`` that the lens maps to pixels ``(k, 2)``, by Newton's method to 1e-7 px.
+        """Find the normalized coordinates ``(k, 2)`` that the lens maps to pixels ``(k, 2)``, to 1e-7 px.
 
         Raises
         ------
         DefinitionError
-            A pixel outside the image, or one to which this distortion maps nothing.
+            A pixel is outside the image, or the distortion maps no point to it.
         """
         wanted = array(pixels, "pixels", (None, 2), unit="px")
         if self.resolution is not None and not (inside := _inside(wanted, self.resolution)).all():
@@ -207,12 +207,12 @@ class Camera:
         if bad.any():
             k = int(np.argmax(bad))
             raise DefinitionError(
-                f"pixels[{k}] = {wanted[k].tolist()} px is none that this distortion can lead to: check both"
+                f"pixels[{k}] = {wanted[k].tolist()} px cannot result from this distortion: check both"
             )
         return flat
 
     def rays(self, pixels: Any) -> Array:
-        """Unit vectors ``(k, 3)`` in the world from ``position`` toward what pixels ``(k, 2)`` show."""
+        """Unit vectors ``(k, 3)`` in the world from ``position`` toward the points seen at pixels ``(k, 2)``."""
         flat = self.undistort(pixels)
         local = np.column_stack((flat, np.ones(len(flat))))
         return np.asarray(local / np.linalg.norm(local, axis=1, keepdims=True) @ self.pose[:3, :3].T)
@@ -223,7 +223,7 @@ def _inside(pixels: Array, resolution: Array) -> Any:
 
 
 def _opencv() -> Any:
-    """The module ``cv2``, imported where it is used, or an error that names the extra to install."""
+    """Import the module ``cv2`` when it is used; an error names the extra to install."""
     try:
         return importlib.import_module("cv2")
     except ImportError as error:
@@ -233,15 +233,15 @@ def _opencv() -> Any:
 
 
 def load_cameras(file: str | Path) -> tuple[Camera, ...]:
-    """Cameras from a TOML file with a table ``[[cameras]]`` for each.
+    """Read cameras from a TOML file with one table ``[[cameras]]`` per camera.
 
-    A table holds ``intrinsics`` and perhaps ``distortion``, ``resolution``, and either ``pose`` (world from camera) or
-    ``rotation`` and ``translation`` (camera from world, as OpenCV has it); lengths in m.
+    A table contains ``intrinsics`` and optionally ``distortion`` and ``resolution``. Its pose is either ``pose`` (world
+    from camera) or ``rotation`` and ``translation`` (camera from world, as in OpenCV). Lengths are in m.
 
     Raises
     ------
     DefinitionError
-        A file that cannot be read, an unknown key, or what :class:`Camera` refuses, with the table's number.
+        The file cannot be read, a key is unknown, or :class:`Camera` refuses a table, which the message names.
     """
     path = Path(file)
     tables = at(path, "", lambda: read([_TABLE], read_toml(path).get("cameras"), "cameras"))
@@ -252,5 +252,5 @@ def _camera(table: dict[str, Any]) -> Camera:
     if "pose" not in table:
         return Camera.from_opencv(**table)
     if "rotation" in table or "translation" in table:
-        raise DefinitionError("pose and rotation, translation say the same thing: give one of them")
+        raise DefinitionError("pose is given together with rotation or translation: give one of them")
     return Camera(**table)

@@ -1,4 +1,4 @@
-"""Curvature from the strains of the cores of an optical fibre."""
+"""Curvature from the axial strains of an optical fibre's cores."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from ..errors import DefinitionError
 from .noise import covariances_of, deviations_of, numbers, symmetric
 
 _DEGENERATE = 1e-9  # ratio of singular values
-_FEWEST = 5  # strains over, from which the noise is estimated
+_FEWEST = 5  # least number of redundant strains from which the noise is estimated
 
 
 @attrs.frozen(eq=False)
 class FibreCurvature:
-    """Curvatures along a fibre.
+    """Curvatures along a fibre, with their uncertainty.
 
     Attributes
     ----------
     curvature
         ``(k, 2)`` 1/m: ``u_x``, ``u_y`` in the fibre's frame.
     common_strain
-        ``(k,)``: of temperature and tension; zeros if it was taken to be none.
+        ``(k,)``: strain by temperature and tension, common to all cores; zeros if it was excluded.
     covariance
-        Of ``u_x``, ``u_y`` (and the common strain), the same in each row, ``(2, 2)`` or ``(3, 3)``; ``None`` where
-        nothing says how well strains are known.
+        Covariance of ``u_x``, ``u_y`` (and the common strain) at every place, ``(2, 2)`` or ``(3, 3)``; ``None`` if
+        the noise of strains is unknown.
     residuals
-        ``(k, cores)``: measured less fitted strains.
+        ``(k, cores)``: measured minus fitted strains.
     """
 
     curvature: Array
@@ -39,13 +39,13 @@ class FibreCurvature:
 
     @property
     def standard_deviations(self) -> Array | None:
-        """Of ``u_x`` and ``u_y``, ``(2,)`` 1/m, if they are known."""
+        """Standard deviations of ``u_x`` and ``u_y``, ``(2,)`` 1/m; None if the noise of strains is unknown."""
         return None if self.covariance is None else np.sqrt(np.diag(self.covariance)[:2])
 
     def report(self) -> str:
-        """Text: ranges of curvature and common strain, and how well curvatures are known."""
+        """Describe the ranges of curvature and common strain, and the curvatures' errors, as text."""
         known, low, high = self.standard_deviations, self.curvature.min(axis=0), self.curvature.max(axis=0)
-        errors = "not known: give sigma" if known is None else f"{numbers(known, '.4g')} 1/m in u_x, u_y"
+        errors = "unknown: give sigma" if known is None else f"{numbers(known, '.4g')} 1/m in u_x, u_y"
         strain = 1e6 * self.common_strain
         return (
             f"Curvature at {len(self.curvature)} places from {self.residuals.shape[1]} cores\n"
@@ -57,8 +57,17 @@ class FibreCurvature:
 
 
 def core_ring(radius: float, angles: Any) -> Array:
-    """Positions ``(cores, 2)``, m, of cores at a radius, m, and angles from x toward y, ``(cores,)`` rad.
+    """Positions of cores on a ring, ``(cores, 2)`` m.
 
+    Parameters
+    ----------
+    radius
+        Radius of the ring, m.
+    angles
+        Angles of the cores from x toward y, ``(cores,)`` rad.
+
+    Examples
+    --------
     >>> core_ring(35e-6, [0.0, 1.5707963267948966]).round(9).tolist()
     [[3.5e-05, 0.0], [0.0, 3.5e-05]]
     """
@@ -74,9 +83,9 @@ def curvature_from_strains(
     covariance: Any = None,
     temperature: bool = True,
 ) -> FibreCurvature:
-    """Curvatures along a fibre from the axial strains of its cores, by weighted least squares.
+    """Compute curvatures along a fibre from the axial strains of its cores, by weighted least squares.
 
-    A core at ``(x, y)`` of a cross-section bent by ``u`` is strained by ``e3 . (u x (x, y, 0))``, so
+    A core at ``(x, y)`` of a cross-section bent by ``u`` has the strain ``e3 . (u x (x, y, 0))``, so
     ``strain = u_x y - u_y x + common``. Positive ``u_x`` bends toward -y and stretches the side of +y.
 
     Parameters
@@ -86,23 +95,23 @@ def curvature_from_strains(
     core_positions
         ``(cores, 2)`` m, in the fibre's frame, from its neutral axis: see :func:`core_ring`.
     sigma
-        Standard deviation of a strain: one number or one for each core. ``None``: estimated from the residuals, one
-        for all, where enough strains are over.
+        Standard deviation of a strain: one number or one per core. ``None``: one number is estimated from the
+        residuals, if there are enough redundant strains.
     covariance
-        Instead, of the strains of a cross-section, ``(cores, cores)``.
+        Covariance of the strains of a cross-section, ``(cores, cores)``, instead of ``sigma``.
     temperature
-        Strains have a part common to all cores (temperature, tension), which is found too; ``False``: they have none.
+        Whether strains have a part common to all cores (temperature, tension), which is then estimated.
 
     Raises
     ------
     DefinitionError
-        Wrong shapes, cores that cannot tell both curvatures (and the common strain) apart.
+        A shape is wrong, or the cores cannot distinguish both curvatures (and the common strain).
 
     Notes
     -----
-    R. Duncan, M. Raum, Proc. SPIE 6167, 2006; J. Moore, M. Rogge, Optics Express 20(3), 2012. To first order in the
-    strains; cores parallel to the axis, which a twist strains to second order only. Cores spun around the axis turn
-    their frame with arc length: give positions as they are there, place by place.
+    R. Duncan, M. Raum, Proc. SPIE 6167, 2006; J. Moore, M. Rogge, Optics Express 20(3), 2012. The relation is of first
+    order in the strains and for cores parallel to the axis, which twist strains to second order only. Cores spun around
+    the axis turn with arc length: call the function for each place with the positions there.
 
     Examples
     --------
@@ -115,7 +124,7 @@ def curvature_from_strains(
     places = array(core_positions, "core_positions", (None, 2), unit="m")
     measured = array(strains, "strains", (None, len(places)))
     if len(measured) == 0:
-        raise DefinitionError("strains has no row, but needs at least one place along the fibre")
+        raise DefinitionError("strains has no row, but must have at least one place along the fibre")
     design = np.column_stack((places[:, 1], -places[:, 0], np.ones(len(places))))
     design = design if flag(temperature, "temperature") else design[:, :2]
     scales = np.abs(design).max(axis=0, initial=0.0)
@@ -138,11 +147,11 @@ def curvature_from_strains(
 def _check_cores(design: Array, scales: Array) -> None:
     cores, unknowns = design.shape
     if cores < unknowns:
-        raise DefinitionError(f"core_positions has {cores} cores, but needs at least {unknowns} for as many unknowns")
+        raise DefinitionError(f"core_positions has {cores} cores, but must have at least {unknowns}, one per unknown")
     sizes = np.linalg.svd(design / np.where(scales > 0.0, scales, 1.0), compute_uv=False)
     if sizes[-1] <= _DEGENERATE * sizes[0]:
         raise DefinitionError(
-            "core_positions: the cores are on a line, so they cannot tell u_x, u_y and the common strain apart"
+            "core_positions: the cores are on a line, so they cannot distinguish u_x, u_y and the common strain"
             if unknowns == 3
-            else "core_positions: the cores are on a line through the axis, so they cannot tell u_x and u_y apart"
+            else "core_positions: the cores are on a line through the axis, so they cannot distinguish u_x and u_y"
         )

@@ -1,4 +1,4 @@
-"""The force of a wire: its direction from points along it, its size from the mass that hangs on it."""
+"""Force of a wire: its direction from points along it, its magnitude from the hanging mass."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from .noise import numbers, points_of, spreads_of, symmetric
 
 _STEPS = 50
 _CONVERGED = 1e-12
-_UNCERTAIN = 0.3  # rad: beyond, a covariance describes a direction no longer
+_UNCERTAIN = 0.3  # rad: beyond this, a covariance no longer describes a direction
 
 
 @attrs.frozen(eq=False)
 class WireDirection:
-    """The direction of a straight wire.
+    """The direction of a straight wire, with its uncertainty.
 
     Attributes
     ----------
     direction
         Unit vector ``(3,)`` from the first point to the last.
     covariance
-        ``(3, 3)``, of rank two: along the direction itself nothing varies.
+        ``(3, 3)``, of rank two: there is no variance along the direction.
     residuals
         Distances ``(k,)``, m, of the points from the fitted line.
     sigma
@@ -40,11 +40,11 @@ class WireDirection:
 
     @property
     def angle_deviation(self) -> float:
-        """Root mean square of the angle between the direction and the true one, rad."""
+        """Root-mean-square angle between the estimated and the true direction, rad."""
         return float(np.sqrt(np.trace(self.covariance)))
 
     def report(self) -> str:
-        """Text: the direction and how well it is known."""
+        """Describe the direction and its error as text."""
         noise = "as given" if self.sigma is None else f"{1e3 * self.sigma:.3f} mm in a coordinate, estimated"
         return (
             f"Wire through {len(self.residuals)} points\n"
@@ -57,7 +57,7 @@ class WireDirection:
 
 @attrs.frozen(eq=False)
 class WireForce:
-    """The force of a wire at which a mass hangs.
+    """The force of a wire with a hanging mass, with its uncertainty.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class WireForce:
     wire
         The wire's direction.
     magnitude_deviation
-        Standard deviation of the force's size, N.
+        Standard deviation of the force's magnitude, N.
     """
 
     force: Array
@@ -78,15 +78,23 @@ class WireForce:
 
     @property
     def magnitude(self) -> float:
-        """Size of the force, N."""
+        """Magnitude of the force, N."""
         return float(np.linalg.norm(self.force))
 
     def load(self, tube: int = 0, *, arc_length: float | None = None) -> PointWrench:
-        """The force as a load of a tube, in the frame the points are given in; default at the tube's end."""
+        """Make a load of the force, in the frame of the points.
+
+        Parameters
+        ----------
+        tube
+            Index of the tube that carries the load, 0 the innermost.
+        arc_length
+            ``s`` from the entry point, m; ``None``: the tube's distal end.
+        """
         return PointWrench(force=self.force, tube=tube, arc_length=arc_length)
 
     def report(self) -> str:
-        """Text: the force and how well it is known."""
+        """Describe the force and its error as text."""
         pairs = zip(self.force, np.sqrt(np.diag(self.covariance)), strict=True)
         return (
             f"Force of {self.magnitude:.4f} +- {self.magnitude_deviation:.4f} N by a wire\n"
@@ -96,30 +104,30 @@ class WireForce:
 
 
 def wire_direction(points: Any, *, sigma: Any = None, covariances: Any = None) -> WireDirection:
-    """The direction of a straight wire from points along it, by total least squares.
+    """Fit the direction of a straight wire to points along it, by total least squares.
 
-    Minimizes ``sum_i e_i^T C_i^-1 e_i`` over all lines, ``e_i`` from the point to its own most likely place on the
-    line: the principal axis of the points where their noise is isotropic, Gauss-Newton steps from there otherwise.
+    It minimizes ``sum_i e_i^T C_i^-1 e_i`` over all lines, where ``e_i`` leads from a point to its most likely place on
+    the line. For isotropic noise this is the principal axis of the points; otherwise Gauss-Newton steps start there.
 
     Parameters
     ----------
     points
-        ``(k, 3)`` m, ordered along the wire in the direction wanted; at least 2, or 3 to estimate the noise.
+        ``(k, 3)`` m, ordered along the wire in its direction; at least 2, or 3 to estimate the noise.
     sigma
-        Standard deviation of a coordinate, m: one number or one for each point. ``None``: estimated from the
-        residuals, one number for all.
+        Standard deviation of a coordinate, m: one number or one per point. ``None``: one number is estimated from the
+        residuals.
     covariances
-        Instead, ``(k, 3, 3)`` m^2, as of a triangulation.
+        Covariances of the points, ``(k, 3, 3)`` m^2, instead of ``sigma``; a triangulation has them.
 
     Raises
     ------
     DefinitionError
-        Wrong shapes, too few points, points that span no more than their noise.
+        A shape is wrong, there are too few points, or they span no more than their noise.
 
     Notes
     -----
-    S. Van Huffel, J. Vandewalle, The Total Least Squares Problem, SIAM, 1991. A wire that sags or bends over the
-    tube's edge is not straight: mark it between.
+    S. Van Huffel, J. Vandewalle, The Total Least Squares Problem, SIAM, 1991. A wire that sags, or bends over the
+    tube's edge, is not straight: mark points on its straight part only.
 
     Examples
     --------
@@ -138,8 +146,8 @@ def wire_direction(points: Any, *, sigma: Any = None, covariances: Any = None) -
     wire = WireDirection(direction, covariance, residuals, deviation)
     if wire.angle_deviation > _UNCERTAIN:
         raise DefinitionError(
-            f"points: they span little more than their noise, so the direction has a standard deviation of "
-            f"{wire.angle_deviation:.2g} rad, allowed {_UNCERTAIN:g}"
+            f"points span little more than their noise, so the direction has a standard deviation of "
+            f"{wire.angle_deviation:.2g} rad; at most {_UNCERTAIN:g} rad is allowed"
         )
     return wire
 
@@ -154,27 +162,27 @@ def hanging_mass(
     sigma: Any = None,
     covariances: Any = None,
 ) -> WireForce:
-    """The force ``F = m g d`` of a mass that hangs on a wire, led over a pulley, by points along the wire.
+    """Compute the force of a mass on a wire over a pulley, from points along the wire.
 
-    Its covariance is ``(m g)^2 C_d + d d^T (g^2 sigma_m^2 + sigma_T^2)``.
+    The force is ``F = m g d``, with the covariance ``(m g)^2 C_d + d d^T (g^2 sigma_m^2 + sigma_T^2)``.
 
     Parameters
     ----------
     mass
-        kg.
+        The mass, kg.
     points, sigma, covariances
-        As for :func:`wire_direction`, ordered from the robot to the pulley: the wire pulls that way.
+        As for :func:`wire_direction`, ordered from the robot to the pulley, the direction of the force.
     gravity
-        m/s^2; default the standard acceleration of free fall.
+        Acceleration of gravity, m/s^2; default: the standard value.
     mass_sigma
         Standard deviation of the mass, kg.
     tension_sigma
-        Standard deviation of what the pulley's friction adds to the tension, N.
+        Standard deviation of the tension by the pulley's friction, N.
 
     Raises
     ------
     DefinitionError
-        What :func:`wire_direction` refuses, a mass or an acceleration that is not above 0.
+        :func:`wire_direction` refuses the points, or the mass or the acceleration is not above 0.
 
     Examples
     --------
@@ -192,7 +200,7 @@ def hanging_mass(
 
 
 def _line(points: Array, spreads: Array) -> tuple[Array, Array, Array]:
-    """Direction, a point of the line, and the direction's covariance ``(3, 3)``."""
+    """Fit a line: its direction, a point on it, and the direction's covariance ``(3, 3)``."""
     centre = points.mean(axis=0)
     _, sizes, axes = np.linalg.svd(points - centre)
     ends = points[-1] - points[0]

@@ -1,4 +1,4 @@
-"""How well points are known: one number, one for each point, or a covariance for each."""
+"""Noise of points: one standard deviation, one per point, or a covariance per point."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from ..errors import DefinitionError
 
 
 def points_of(value: Any, field: str, *, least: int) -> Array:
-    """``value`` as points ``(k, 3)``, m, where ``k >= least``."""
+    """Convert ``value`` to points ``(k, 3)``, m, with ``k >= least``."""
     points = array(value, field, (None, 3), unit="m")
     if len(points) < least:
-        raise DefinitionError(f"{field} has {len(points)} points, but needs at least {least}")
+        raise DefinitionError(f"{field} has {len(points)} points, but must have at least {least}")
     return points
 
 
 def deviations_of(sigma: Any, size: int, unit: str = "m") -> Array:
-    """Standard deviations ``(size,)`` from one for all or one for each."""
+    """Expand one standard deviation, or check one per item, to ``(size,)``."""
     if np.ndim(sigma) == 0:
         return np.full(size, number(sigma, "sigma", above=0.0, unit=unit))
     return array(sigma, "sigma", (size,), above=0.0, unit=unit)
 
 
 def covariances_of(sigma: Any, value: Any, field: str, shape: tuple[int, ...], unit: str = "") -> Array | None:
-    """``value`` as covariances of a shape; None if it is None, and an error if ``sigma`` is given too."""
+    """Check ``value`` as covariances of a shape; None for None, and an error if ``sigma`` is also given."""
     if value is None:
         return None
     if sigma is not None:
-        raise DefinitionError(f"sigma and {field} say the same thing: give one of them")
+        raise DefinitionError(f"sigma and {field} are both given: give one of them")
     values = array(value, field, shape, unit=unit)
     for place in np.ndindex(shape[:-2]):
         matrix, name = values[place], field + "".join(f"[{k}]" for k in place)
@@ -42,19 +42,19 @@ def covariances_of(sigma: Any, value: Any, field: str, shape: tuple[int, ...], u
 
 
 def spreads_of(sigma: Any, covariances: Any, size: int) -> tuple[Array, bool]:
-    """Covariances of points ``(size, 3, 3)``, m^2, and whether they are only of unit weight, as nothing is given."""
-    given = covariances_of(sigma, covariances, "covariances", (size, 3, 3), "m^2")
-    if given is not None:
-        return given, False
+    """Covariances of points ``(size, 3, 3)``, m^2, and whether they are mere unit weights because none are given."""
+    checked = covariances_of(sigma, covariances, "covariances", (size, 3, 3), "m^2")
+    if checked is not None:
+        return checked, False
     deviations = deviations_of(1.0 if sigma is None else sigma, size)
     return np.eye(3) * deviations[:, None, None] ** 2, sigma is None
 
 
 def symmetric(matrix: Any) -> Array:
-    """The matrices without the rounding that makes them asymmetric."""
+    """Symmetrize matrices that rounding made asymmetric."""
     return np.asarray(0.5 * (matrix + np.swapaxes(matrix, -1, -2)), dtype=np.float64)
 
 
 def numbers(values: Array, style: str = ".3f") -> str:
-    """Numbers as text, with commas between them."""
+    """Format numbers as text, separated by commas."""
     return ", ".join(format(value, style) for value in values)

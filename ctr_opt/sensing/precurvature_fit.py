@@ -1,4 +1,4 @@
-"""The precurvature of a tube from noisy points along it (paper, III-A and Fig. 5)."""
+"""Precurvature of a tube from noisy points along it (paper, III-A and Fig. 5)."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 
 METHODS = ("polynomial", "spline")
 _FEWEST = 6
-# Squares of noise that the product of two chords may be below zero, where dense points jitter; and the median of the
-# squared second differences of normal noise.
+# Squared noise by which the product of two chords may fall below zero, because dense points jitter; and the median of
+# the squared second differences of normal noise.
 _BACK, _SECOND_DIFFERENCES = 30.0, 6.0 * 2.366
-_PARALLEL = 1e-3  # rad: nearer to the curve, a normal does not say where x is
+_PARALLEL = 1e-3  # rad: a normal nearer to the tangent does not determine x
 _COLORS = ("#0072B2", "#D55E00")
 _NINETY_FIVE = 1.959964  # standard errors
 
 
 @attrs.frozen(eq=False)
 class PrecurvatureFit:
-    """The precurvature of a tube, and how well it is known.
+    """The identified precurvature of a tube, with its uncertainty.
 
     Attributes
     ----------
@@ -39,19 +39,19 @@ class PrecurvatureFit:
     curvature
         ``(k, 3)`` 1/m: ``u*_x``, ``u*_y`` and 0, in Bishop's frame.
     standard_errors
-        ``(k, 2)`` 1/m, of ``u*_x`` and ``u*_y`` at the same arc length.
+        ``(k, 2)`` 1/m, of ``u*_x`` and ``u*_y`` at a fixed arc length.
     curve
         ``(k, 3)`` m: the smooth curve.
     order
-        Of the polynomial; ``None`` for a spline.
+        Order of the polynomial; ``None`` for a spline.
     smoothing
         Weight of the spline's penalty, relative to the data; ``None`` for a polynomial.
     degrees_of_freedom
-        Of each coordinate: trace of the hat matrix.
+        Degrees of freedom of the curve in each coordinate: trace of the hat matrix.
     scores
-        Root mean square error of cross-validation, m, by the order or smoothing tried.
+        Root-mean-square error of cross-validation, m, by the order or smoothing tried.
     residuals
-        ``(points, 3)`` m: measured less smooth.
+        ``(points, 3)`` m: measured minus smooth.
     sigma
         Standard deviation of a coordinate, m (root mean square over the points), as given or as estimated.
     estimated
@@ -80,7 +80,7 @@ class PrecurvatureFit:
 
     @property
     def piece(self) -> SampledCurvature:
-        """The measured part, as a piece of a tube's precurvature."""
+        """The measured part as a piece of a tube's precurvature."""
         return SampledCurvature(self.arc_length, self.curvature)
 
     @property
@@ -89,7 +89,7 @@ class PrecurvatureFit:
         return (Straight(self.straight), self.piece) if self.straight else (self.piece,)
 
     def report(self) -> str:
-        """Text: what was fitted, how well it fits, and how well curvatures are known."""
+        """Describe the fitted curve, its residuals and the curvatures' errors as text."""
         kind = f"polynomial of order {self.order}" if self.order else f"smoothing spline, penalty {self.smoothing:.3g}"
         how = "estimated" if self.estimated else "given"
         size, known = np.abs(self.curvature[:, :2]).max(axis=0), np.sqrt(np.mean(self.standard_errors**2, axis=0))
@@ -107,7 +107,7 @@ class PrecurvatureFit:
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw ``u*_x`` and ``u*_y`` by arc length with bands of 95 percent, as in the paper's Fig. 5.
+        """Plot ``u*_x`` and ``u*_y`` over arc length with 95 percent bands, as in the paper's Fig. 5.
 
         Parameters
         ----------
@@ -142,50 +142,50 @@ def identify_precurvature(
     normal: Any = (1.0, 0.0, 0.0),
     samples: int = 101,
 ) -> PrecurvatureFit:
-    """Precurvature of a tube from points measured along it, with standard errors.
+    """Identify the precurvature of a tube from points measured along it, with standard errors.
 
-    A smooth curve is fitted by weighted least squares, first as a function of the chord length, then of its own arc
-    length: a polynomial, as in the paper, or a spline of degree five with a penalty on the fourth derivative. Order or
-    penalty are the simplest whose error of leave-one-out cross-validation is the least, to within about its standard
-    error. The curvature of the curve in Bishop's frame is ``u* = (u*_x, u*_y, 0)``.
+    A smooth curve is fitted by weighted least squares, first as a function of chord length, then of arc length. It is a
+    polynomial, as in the paper, or a spline of degree five with a penalty on the fourth derivative. The order or
+    penalty is the simplest whose leave-one-out cross-validation error is the least, to within about its standard error.
+    The curvature of the curve in Bishop's frame is ``u* = (u*_x, u*_y, 0)``.
 
     Parameters
     ----------
     points
         ``(k, 3)`` m, ordered from base to tip along the curved part, at least 6.
     sigma
-        Standard deviation of a coordinate, m: one number or one for each point. ``None``: estimated from the
-        residuals, one number for all.
+        Standard deviation of a coordinate, m: one number or one per point. ``None``: one number is estimated from the
+        residuals.
     covariances
-        Instead, ``(k, 3, 3)`` m^2, as of a triangulation.
+        Covariances of the points, ``(k, 3, 3)`` m^2, instead of ``sigma``; a triangulation has them.
     method
         ``"polynomial"`` or ``"spline"``.
     order
-        Of the polynomial, at least 2; by cross-validation if ``None``.
+        Order of the polynomial, at least 2; by cross-validation if ``None``.
     smoothing
         Weight of the spline's penalty, above 0; by cross-validation if ``None``.
     straight
         Length of a straight part before the first point, m, which is not fitted.
     tangent
-        Direction of the curve at its base ``(3,)``, if it is known: that of the straight part, as
-        :func:`wire_direction` finds it. Otherwise the tube's tip is no better known than the fitted direction there.
+        Direction of the curve at its base ``(3,)``, if known: the direction of the straight part, which
+        :func:`wire_direction` finds. Without it, the error of the fitted direction limits the accuracy of the tip.
     normal
-        Direction of x at the base, as far as it is normal to the curve.
+        Direction of x at the base. Only its component normal to the curve counts.
     samples
-        Points of the returned curvature, at least 5.
+        Number of points of the returned curvature, at least 5.
 
     Raises
     ------
     DefinitionError
-        Wrong shapes, too few points, points that coincide or turn back, a normal along the curve.
+        A shape is wrong, points are too few, coincide or turn back, or the normal is along the curve.
 
     Notes
     -----
-    The standard errors are linearized: noise is carried to the coefficients and, by differences, to the curvature at
-    a given arc length. Noise along the curve does not count, as a point that slides along it is on it still. Bias is
-    counted on average over the curve: for splines that of the penalty (G. Wahba, J. R. Stat. Soc. B 45, 1983), for
-    polynomials of a chosen order as if the next order had none (its variance, and the squared difference from it). An
-    order that is given is taken at its word.
+    The standard errors are linearized: noise is propagated to the coefficients and, by differences, to the curvature at
+    a given arc length. Noise along the curve does not count, because it leaves a point on the curve. Bias is included
+    on average over the curve. For splines it is that of the penalty (G. Wahba, J. R. Stat. Soc. B 45, 1983). For
+    polynomials of a chosen order, the next order is taken as free of bias: its variance and the squared difference from
+    it are added. A given order is taken as free of bias.
 
     Examples
     --------
@@ -206,15 +206,15 @@ def identify_precurvature(
     lead = number(straight, "straight", least=0.0, unit="m")
     spreads, estimated = spreads_of(sigma, covariances, len(measured))
     weights = 3.0 / np.trace(spreads, axis1=1, axis2=2)
-    given = _given(method, order, smoothing)
-    # Chords between noisy points jitter, which would bend the smooth curve's parameter: they are for a start.
-    _, start, _ = best(method, Data(measured, _chord_lengths(measured), weights), given)
+    parameter = _fixed_parameter(method, order, smoothing)
+    # Chords between noisy points jitter, which would distort the curve's parameter, so they only give a start.
+    _, start, _ = best(method, Data(measured, _chord_lengths(measured), weights), parameter)
     parameters, length = start.arc_lengths()
     data = Data(measured, parameters, weights, None if tangent is None else length * direction(tangent, "tangent"))
-    chosen, smoother, scores = best(method, data, given)
+    chosen, smoother, scores = best(method, data, parameter)
     residuals, unit = smoother.residuals, 1.0
     if estimated:
-        # Each point has noise in the two directions across the curve; the fit takes its leverage's part of it.
+        # Each point has noise in the two directions across the curve; the fit absorbs the share given by its leverage.
         if smoother.freedom < LEAST_FREEDOM:
             raise DefinitionError(
                 f"smoothing = {chosen:g} is so small that the curve goes through all points: give sigma"
@@ -243,18 +243,18 @@ def identify_precurvature(
     )
 
 
-def _given(method: str, order: int | None, smoothing: float | None) -> float | None:
+def _fixed_parameter(method: str, order: int | None, smoothing: float | None) -> float | None:
     if method == "polynomial":
         if smoothing is not None:
-            raise DefinitionError("smoothing belongs to method = 'spline': a polynomial has an order")
+            raise DefinitionError("smoothing requires method = 'spline': a polynomial has an order")
         return None if order is None else float(whole(order, "order", 2))
     if order is not None:
-        raise DefinitionError("order belongs to method = 'polynomial': a spline has a smoothing")
+        raise DefinitionError("order requires method = 'polynomial': a spline has a smoothing")
     return None if smoothing is None else number(smoothing, "smoothing", above=0.0)
 
 
 def _chord_lengths(points: Array) -> Array:
-    """Chord length, from 0 to 1."""
+    """Normalized chord lengths ``(k,)``, from 0 to 1."""
     reached, chords = chord_lengths(points, "points"), np.diff(points, axis=0)
     ahead = np.einsum("ki,ki->k", chords[1:], chords[:-1])
     noise = np.median(np.sum(np.diff(chords, axis=0) ** 2, axis=1)) / _SECOND_DIFFERENCES
@@ -265,11 +265,11 @@ def _chord_lengths(points: Array) -> Array:
 
 
 def _across(normal: Any, tangent: Array) -> Array:
-    """The direction of x at the base, which must not be along the tangent."""
-    given = array(normal, "normal", (3,))
-    size = float(np.linalg.norm(given))
-    if size == 0.0 or np.linalg.norm(np.cross(given, tangent)) <= _PARALLEL * size:
+    """Check that the direction of x at the base is not along the tangent, and normalize it."""
+    vector = array(normal, "normal", (3,))
+    size = float(np.linalg.norm(vector))
+    if size == 0.0 or np.linalg.norm(np.cross(vector, tangent)) <= _PARALLEL * size:
         raise DefinitionError(
-            f"normal = {given.tolist()} must point away from the tangent at the base, {tangent.round(4).tolist()}"
+            f"normal = {vector.tolist()} must point away from the tangent at the base, {tangent.round(4).tolist()}"
         )
-    return given / size
+    return vector / size

@@ -1,4 +1,4 @@
-"""From the noise of points to the standard errors of the curvature of the smooth curve through them."""
+"""Propagation of the noise of points to standard errors of the curvature of the smooth curve through them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from ..checks import Array
 from ..robot.curves import bishop_curvature
 from .smoothing import Smoother
 
-_FINER = 4  # steps between two samples, in which the frame is carried
+_FINER = 4  # steps between two samples, over which the frame is carried
 _STEP = 1e-5  # of differences by the coefficients, of the curve's length: curvatures of 1/length change by 1e-4
 
 
 @attrs.frozen(eq=False)
 class Propagation:
-    """The noise of points, and where the smooth curves through them are sampled.
+    """Noise of points, and sampling of the smooth curves through them.
 
     Covariances of the points are ``spreads (k, 3, 3)``, m^2, with the variance ``unit`` of unit weight. The
     ``samples`` places are uniform in the parameter; ``normal`` is the direction of x at the base.
@@ -27,7 +27,7 @@ class Propagation:
     normal: Array
 
     def curvature(self, smoother: Smoother) -> tuple[Array, Array, Array]:
-        """Arc length, curvature and its standard errors, at the same arc length."""
+        """Compute arc lengths, curvatures and their standard errors at a fixed arc length."""
         from scipy.interpolate import CubicSpline
 
         coefficients = smoother.coefficients
@@ -48,7 +48,7 @@ class Propagation:
         return s[..., ::_FINER], curvature[..., ::_FINER, :]
 
     def _covariance(self, smoother: Smoother) -> Array:
-        """Of the coefficients ``(3 m, 3 m)``: noise across the curve, and what a penalty leaves unknown."""
+        """Covariance of the coefficients ``(3 m, 3 m)``: noise across the curve, and bias by the penalty."""
         tangent = smoother.tangents(smoother.data.parameters)
         across = np.eye(3) - tangent[:, :, None] * tangent[:, None, :]
         spread = np.einsum("ai,bi,ijk->ajbk", smoother.solver, smoother.solver, across @ self.spreads @ across)

@@ -1,4 +1,4 @@
-"""Rigid registration of corresponding points: from the frame they were measured in to the one they are known in."""
+"""Rigid registration of corresponding points, from the measured frame to the reference frame."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from .noise import numbers, points_of, spreads_of, symmetric
 
 _STEPS = 50
 _CONVERGED = 1e-12  # rad, and of the size of the cloud
-_LINE = 1e-6  # of the cloud's length: as wide it must be
-_UNCERTAIN = 0.3  # rad: beyond, a covariance describes a rotation no longer
+_LINE = 1e-6  # of the cloud's length: its least width
+_UNCERTAIN = 0.3  # rad: beyond this, a covariance no longer describes a rotation
 
 
 @attrs.frozen(eq=False)
 class RegistrationErrors:
-    """What remains between registered and reference points.
+    """Remaining errors between registered and reference points.
 
     Attributes
     ----------
     vectors
-        ``(k, 3)`` m, registered less reference, in the reference's axes.
+        ``(k, 3)`` m, registered minus reference, in the reference's axes.
     """
 
     vectors: Array
@@ -51,7 +51,7 @@ class RegistrationErrors:
 
     @property
     def standard_deviation(self) -> float:
-        """Of the Euclidean errors, m, with the divisor ``k - 1``."""
+        """Standard deviation of the Euclidean errors, m, with the divisor ``k - 1``."""
         return float(self.distances.std(ddof=1))
 
     @property
@@ -69,10 +69,10 @@ class Registration:
     pose
         ``(4, 4)``, m: ``reference = R measured + t``.
     covariance
-        ``(6, 6)`` of the errors ``(dt, w)`` of translation, m, and rotation, rad, in the reference's axes,
+        ``(6, 6)``, covariance of the errors ``(dt, w)`` of translation, m, and rotation, rad, in the reference's axes,
         ``R_true = exp(hat(w)) R``.
     errors
-        What remains.
+        Remaining errors of the points.
     sigma
         Standard deviation of a coordinate of a point (of unit weight), m, if it was estimated from the errors, else
         ``None``.
@@ -85,15 +85,15 @@ class Registration:
 
     @property
     def standard_deviations(self) -> Array:
-        """Of translation, m, and rotation, rad, ``(6,)``."""
+        """Standard deviations of translation, m, and rotation, rad, ``(6,)``."""
         return np.sqrt(np.diag(self.covariance))
 
     def apply(self, points: Any) -> Array:
-        """Points ``(k, 3)``, m, of the measured frame in the reference's."""
+        """Transform points ``(k, 3)``, m, from the measured frame to the reference's."""
         return points_of(points, "points", least=0) @ self.pose[:3, :3].T + self.pose[:3, 3]
 
     def report(self) -> str:
-        """Text: the errors as the paper prints them, and how well the motion is known."""
+        """Describe the errors, as the paper prints them, and the motion's uncertainty as text."""
         errors, deviations = self.errors, self.standard_deviations
         values = np.array([errors.mean, errors.maximum, errors.minimum, errors.standard_deviation])
         noise = "as given" if self.sigma is None else f"{1e3 * self.sigma:.3f} mm in a coordinate, estimated"
@@ -111,28 +111,28 @@ class Registration:
 def register(
     measured: Any, reference: Any, *, sigma: Any = None, covariances: Any = None, weights: Any = None
 ) -> Registration:
-    """The rigid motion that brings measured points nearest to reference points.
+    """Find the rigid motion that brings measured points nearest to reference points.
 
-    Minimizes ``sum_i e_i^T (R C_i R^T)^-1 e_i`` with ``e_i = R m_i + t - r_i``, which is most likely for measured
-    points with independent normal errors of covariance ``C_i`` and exact reference points: by the singular value
-    decomposition of Kabsch, and where the ``C_i`` are not all isotropic by Gauss-Newton steps from there.
+    It minimizes ``sum_i e_i^T (R C_i R^T)^-1 e_i`` with ``e_i = R m_i + t - r_i``. This is the maximum-likelihood
+    motion for measured points with independent normal errors of covariance ``C_i`` and exact reference points. Kabsch's
+    singular value decomposition solves it; if covariances are given, Gauss-Newton steps refine the result.
 
     Parameters
     ----------
     measured, reference
-        ``(k, 3)`` m, row by row the same points, at least 3 that are not on a line.
+        ``(k, 3)`` m, corresponding row by row; at least 3 points that are not on a line.
     sigma
-        Standard deviation of a coordinate, m: one number or one for each point.
+        Standard deviation of a coordinate, m: one number or one per point.
     covariances
-        Instead, covariances of the measured points ``(k, 3, 3)``, m^2, as of a triangulation.
+        Covariances of the measured points, ``(k, 3, 3)`` m^2, instead of ``sigma``; a triangulation has them.
     weights
-        Instead, ``(k,)``: relative weights, 1 / variance; the noise is estimated from the errors. With none of the
-        three, all weigh alike.
+        Relative weights ``(k,)``, 1 / variance, instead of ``sigma``; the noise is estimated from the errors. Without
+        any of the three, all points have equal weight.
 
     Raises
     ------
     DefinitionError
-        Wrong shapes, too few points, points on a line (to within their noise), two of the three given.
+        A shape is wrong, points are too few or on a line (to within their noise), or two of the three are given.
 
     Notes
     -----
@@ -152,7 +152,7 @@ def register(
     if len(measured) != len(reference):
         raise DefinitionError(f"measured has {len(measured)} points, but reference has {len(reference)}")
     if weights is not None and (sigma is not None or covariances is not None):
-        raise DefinitionError("weights say relatively what sigma and covariances say absolutely: give one of the three")
+        raise DefinitionError("weights are given together with sigma or covariances: give one of the three")
     for points, field in ((measured, "measured"), (reference, "reference")):
         _check_spread(points, field)
     spreads, relative = spreads_of(sigma, covariances, len(measured))
@@ -177,9 +177,7 @@ def register(
 def _check_spread(points: Array, field: str) -> None:
     sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if sizes[1] <= _LINE * sizes[0]:
-        raise DefinitionError(
-            f"{field}: the points are on a line, or one point, so a rotation about it is not determined"
-        )
+        raise DefinitionError(f"{field}: the points are on a line or coincide, so the rotation is not determined")
 
 
 def _check_certainty(covariance: Array) -> None:
@@ -187,7 +185,7 @@ def _check_certainty(covariance: Array) -> None:
     if deviation > _UNCERTAIN:
         raise DefinitionError(
             f"measured: the points are on a line to within their noise; a rotation has a standard deviation of "
-            f"{deviation:.2g} rad, allowed {_UNCERTAIN:g}"
+            f"{deviation:.2g} rad; at most {_UNCERTAIN:g} rad is allowed"
         )
 
 
@@ -221,7 +219,7 @@ def _linearized(
 def _refined(
     measured: Array, reference: Array, inverses: Array, rotation: Array, translation: Array
 ) -> tuple[Array, Array]:
-    """Gauss-Newton steps from a motion."""
+    """Refine a motion by Gauss-Newton steps."""
     from scipy.spatial.transform import Rotation
 
     size = np.linalg.norm(reference - reference.mean(axis=0), axis=1).max()
@@ -233,5 +231,5 @@ def _refined(
         if np.linalg.norm(step[:3]) < _CONVERGED * size and np.linalg.norm(step[3:]) < _CONVERGED:
             return rotation, translation
     raise DefinitionError(
-        "measured: no motion fits; the points do not correspond to those of reference, or covariances do not"
+        "measured: no motion fits; check that the points and covariances correspond to the points of reference"
     )

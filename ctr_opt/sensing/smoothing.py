@@ -17,8 +17,8 @@ _LARGEST_ORDER = 12  # of polynomials tried
 _PENALTIES = 10.0 ** np.arange(6.0, -6.01, -0.5)  # tried, relative to the data
 _NEWTON_STEPS = 4
 _FINE = 401
-_BEYOND = 0.01  # the ends, as far as splines are followed
-# Standard errors by which an error may be above the least: measured, so that bands of 95 percent hold the truth in 95.
+_BEYOND = 0.01  # distance beyond the ends up to which splines are followed
+# Standard errors by which an error may exceed the least: measured, so that 95 percent bands cover the truth in 95.
 _ALLOWANCES = {"polynomial": 1.0, "spline": 0.5}
 LEAST_FREEDOM = 0.25  # of the residuals of a coordinate, to estimate noise from
 _LEVERAGE = 1.0 - 1e-6  # a point that alone decides its own fit cannot be left out
@@ -26,9 +26,9 @@ _LEVERAGE = 1.0 - 1e-6  # a point that alone decides its own fit cannot be left 
 
 @attrs.frozen(eq=False)
 class Basis:
-    """Functions of a parameter in ``[0, 1]``, and the penalty of their roughness.
+    """Basis functions of a parameter in ``[0, 1]``, with the penalty of their roughness.
 
-    ``functions(t, n)`` are their n-th derivatives ``(len(t), m)``.
+    ``functions(t, n)`` returns their n-th derivatives ``(len(t), m)``.
     """
 
     functions: Any
@@ -40,7 +40,7 @@ class Basis:
         return len(self.penalty)
 
     def clamped(self) -> Basis:
-        """All combinations of the functions that have no slope at 0."""
+        """Basis of all combinations of the functions that have no slope at 0."""
         slopes = self.functions(np.zeros(1), 1)
         kept = np.linalg.svd(slopes)[2][1:].T
         return Basis(lambda t, n=0: self.functions(t, n) @ kept, kept.T @ self.penalty @ kept)
@@ -94,11 +94,11 @@ class Smoother:
     Attributes
     ----------
     slope
-        ``(3,)`` m: the curve is that of the coefficients and ``t slope``; zero if the slope at the base is free.
+        ``(3,)`` m: the curve of the coefficients plus ``t slope``; zero if the slope at the base is free.
     solver
         ``(m, k)``.
     shrinkage
-        ``(m, m)``: what the penalty leaves unknown of the coefficients, per variance of unit weight; zero without one.
+        ``(m, m)``: covariance of the coefficients by the penalty, per variance of unit weight; zero without penalty.
     leverages
         ``(k,)``, the diagonal of the hat matrix.
     """
@@ -112,7 +112,7 @@ class Smoother:
 
     @classmethod
     def of(cls, basis: Basis, data: Data, factor: float = 0.0) -> Smoother:
-        """Weighted least squares with ``factor`` times the penalty (relative to the data)."""
+        """Make the smoother of weighted least squares with ``factor`` times the penalty, relative to the data."""
         slope = np.zeros(3)
         if data.slope is not None:
             basis, slope = basis.clamped(), data.slope
@@ -132,16 +132,16 @@ class Smoother:
 
     @property
     def coefficients(self) -> Array:
-        """Of the smooth curve, ``(m, 3)``."""
+        """Coefficients of the smooth curve, ``(m, 3)``."""
         return np.asarray(self.solver @ (self.data.points - self.data.parameters[:, None] * self.slope))
 
     @property
     def residuals(self) -> Array:
-        """Points less their smooth values, ``(k, 3)`` m."""
+        """Points minus their smooth values, ``(k, 3)`` m."""
         return self.data.points - self.curve(self.data.parameters)
 
     def curve(self, t: Array, derivative: int = 0, coefficients: Array | None = None) -> Array:
-        """The curve ``(..., len(t), 3)`` or a derivative by ``t``, smooth or of other coefficients ``(..., m, 3)``."""
+        """Evaluate the curve or a derivative, ``(..., len(t), 3)``, smooth or of ``coefficients (..., m, 3)``."""
         weights = self.coefficients if coefficients is None else coefficients
         by_slope = (t[:, None] if derivative == 0 else float(derivative == 1)) * self.slope
         return np.asarray(self.basis.functions(t, derivative) @ weights + by_slope)
@@ -159,7 +159,7 @@ class Smoother:
         for _ in range(_NEWTON_STEPS):
             shape, slope, bend = (self.curve(t, n) for n in range(3))
             offset, square = shape - self.data.points, np.sum(slope**2, axis=1)
-            # Half of the square at least: far from the curve Newton's step would lead away from the nearest place.
+            # At least half of the square: far from the curve Newton's step would lead away from the nearest place.
             curvature = np.maximum(square + np.sum(offset * bend, axis=1), 0.5 * square)
             t = np.clip(t - np.sum(offset * slope, axis=1) / curvature, -_BEYOND, 1.0 + _BEYOND)
         fine = np.linspace(-_BEYOND, 1.0 + _BEYOND, _FINE)
@@ -169,34 +169,34 @@ class Smoother:
         return np.asarray((reached - reached[0]) / length), length
 
     def left_out(self) -> Array:
-        """Weighted squared distances ``(k,)``, m^2, of points from the curve through the others; or infinite."""
+        """Weighted squared distances ``(k,)``, m^2, of points from the curve fitted without them; or infinite."""
         if self.leverages.max() > _LEVERAGE or self.freedom < LEAST_FREEDOM:
             return np.full(len(self.leverages), np.inf)
         distances = np.sum(self.residuals**2, axis=1) / (1.0 - self.leverages) ** 2
         return np.asarray(distances * self.data.weights / self.data.weights.mean())
 
 
-def _smoothers(method: str, data: Data, given: float | None) -> dict[float, Smoother]:
+def _smoothers(method: str, data: Data, parameter: float | None) -> dict[float, Smoother]:
     """Smoothers to try, the simplest first, by order, or by the penalty of splines."""
     if method == "spline":
         basis = splines(len(data.points))
-        penalties = _PENALTIES.tolist() if given is None else (given,)
+        penalties = _PENALTIES.tolist() if parameter is None else (parameter,)
         return {penalty: Smoother.of(basis, data, penalty) for penalty in penalties}
     most = len(data.points) - 2
-    if given is not None and given > most:
-        raise DefinitionError(f"order = {given:g} must be at most {most}, with {len(data.points)} points")
-    orders = range(2, min(_LARGEST_ORDER, most) + 1) if given is None else (int(given),)
+    if parameter is not None and parameter > most:
+        raise DefinitionError(f"order = {parameter:g} must be at most {most}, with {len(data.points)} points")
+    orders = range(2, min(_LARGEST_ORDER, most) + 1) if parameter is None else (int(parameter),)
     return {order: Smoother.of(polynomials(order), data) for order in orders}
 
 
-def best(method: str, data: Data, given: float | None) -> tuple[float, Smoother, dict[float, float]]:
-    """The chosen order or penalty, its smoother, and the root mean square error of cross-validation, m, of each.
+def best(method: str, data: Data, parameter: float | None) -> tuple[float, Smoother, dict[float, float]]:
+    """Choose an order or penalty: return it, its smoother, and the cross-validation error (rms), m, of each one tried.
 
-    Chosen is the simplest smoother whose error is above the least by no more than one standard error of the difference
-    (half of one for splines; L. Breiman et al., Classification and Regression Trees, 1984, 3.4.3): the least itself now
-    and then has far too many degrees of freedom, and curvatures suffer from them more than positions.
+    It is the simplest smoother whose error exceeds the least by at most one standard error of the difference (half of
+    one for splines; L. Breiman et al., Classification and Regression Trees, 1984, 3.4.3). The smoother of least error
+    sometimes has far too many degrees of freedom, which harm curvatures more than positions.
     """
-    tried = _smoothers(method, data, given)
+    tried = _smoothers(method, data, parameter)
     errors = {key: smoother.left_out() for key, smoother in tried.items()}
     least = min(errors.values(), key=np.sum)
     chosen = next(key for key, value in errors.items() if _as_good(value, least, _ALLOWANCES[method]))

@@ -1,4 +1,4 @@
-"""Points in space from corresponding pixels of calibrated cameras."""
+"""Triangulation: points in space from corresponding pixels of calibrated cameras."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from .noise import deviations_of, numbers, symmetric
 _STEPS = 50
 _CONVERGED = 1e-11  # of the distance to the cameras
 _PARALLEL = 1e-7  # rad: nearer rays have no point of intersection in double precision
-_UNCERTAIN = 0.25  # of the distance: beyond, a covariance describes a point no longer
+_UNCERTAIN = 0.25  # of the distance: beyond this, a covariance no longer describes a point
 _FEWEST = 5  # points from whose reprojection errors the noise is estimated
 
 
 @attrs.frozen(eq=False)
 class Triangulation:
-    """Points triangulated from pixels.
+    """Points triangulated from pixels, with their uncertainty.
 
     Attributes
     ----------
     points
         ``(k, 3)`` m, in the world of the cameras.
     covariances
-        ``(k, 3, 3)`` m^2, of independent points: errors of the calibration, which all points share, are not in them.
+        ``(k, 3, 3)`` m^2, of independent points. They do not include errors of the calibration, which all points share.
     reprojection_errors
-        ``(k, cameras, 2)`` px, measured less projected.
+        ``(k, cameras, 2)`` px, measured minus projected.
     sigma
         Standard deviation of a pixel's coordinate ``(cameras,)``, px, given or estimated.
     estimated
@@ -47,7 +47,7 @@ class Triangulation:
 
     @property
     def standard_deviations(self) -> Array:
-        """Of the coordinates, ``(k, 3)`` m."""
+        """Standard deviations of the coordinates, ``(k, 3)`` m."""
         return np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2))
 
     @property
@@ -57,7 +57,7 @@ class Triangulation:
         return np.asarray(np.sum(scaled**2, axis=(1, 2)))
 
     def report(self) -> str:
-        """Text: how well pixels and points are known, and which point fits worst."""
+        """Describe the errors of pixels and points, and the point that fits worst, as text."""
         sizes = np.linalg.norm(self.reprojection_errors, axis=2)
         k, camera = np.unravel_index(np.argmax(sizes), sizes.shape)
         how = "estimated" if self.estimated else "given"
@@ -72,26 +72,26 @@ class Triangulation:
 
 
 def triangulate(cameras: Sequence[Camera], pixels: Any, *, sigma: Any = None) -> Triangulation:
-    """The most likely points in space for pixels with independent normal errors.
+    """Find the most likely points in space for pixels with independent normal errors.
 
-    Minimizes ``sum_c |pixel_c - project_c(X)|^2 / sigma_c^2`` for each point ``X``, lens distortion included: from the
-    point nearest to the rays, by Gauss-Newton steps. The covariance is ``(sum_c J_c^T J_c / sigma_c^2)^-1``.
+    It minimizes ``sum_c |pixel_c - project_c(X)|^2 / sigma_c^2`` for each point ``X``, lens distortion included, by
+    Gauss-Newton steps from the point nearest to the rays. The covariance is ``(sum_c J_c^T J_c / sigma_c^2)^-1``.
 
     Parameters
     ----------
     cameras
         At least two, calibrated in one world.
     pixels
-        ``(k, cameras, 2)`` px: where each camera sees each point.
+        ``(k, cameras, 2)`` px: the pixel of each point in each camera.
     sigma
-        Standard deviation of a pixel's coordinate, px: one number or one for each camera. ``None``: one number is
-        estimated from the reprojection errors, which takes at least 5 points.
+        Standard deviation of a pixel's coordinate, px: one number or one per camera. ``None``: one number is estimated
+        from the reprojection errors, which needs at least 5 points.
 
     Raises
     ------
     DefinitionError
-        Wrong shapes, pixels that are no numbers or outside the image, rays that are parallel, part in front of
-        the cameras, or are so nearly parallel that the distance is not known to 25 percent.
+        A shape is wrong, a pixel is not finite or outside the image, or rays are parallel or diverge in front of the
+        cameras. Rays are also refused if the distance is not known to 25 percent.
 
     Notes
     -----
@@ -111,11 +111,11 @@ def triangulate(cameras: Sequence[Camera], pixels: Any, *, sigma: Any = None) ->
     cameras = _cameras(cameras)
     measured = array(pixels, "pixels", (None, len(cameras), 2), unit="px")
     if len(measured) == 0:
-        raise DefinitionError("pixels has no point, but needs at least 1")
+        raise DefinitionError("pixels has no point, but must have at least 1")
     deviations = deviations_of(1.0 if sigma is None else sigma, len(cameras), unit="px")
     if sigma is None and len(measured) < _FEWEST:
         raise DefinitionError(
-            f"sigma is missing: {len(measured)} points are too few to estimate it, which takes {_FEWEST}"
+            f"sigma is missing: {len(measured)} points are too few to estimate it, which needs at least {_FEWEST}"
         )
     views = _Views(cameras, measured, deviations)
     points = _refined(views, _nearest(views))
@@ -123,7 +123,7 @@ def triangulate(cameras: Sequence[Camera], pixels: Any, *, sigma: Any = None) ->
     scale = 1.0
     if sigma is None:
         degrees = len(points) * (2 * len(cameras) - 3)
-        # Exact pixels leave rounding errors: so small a noise is none, but covariances stay regular.
+        # Exact pixels leave only rounding errors: the least noise keeps covariances regular.
         scale = max(float(np.sqrt(np.sum(errors**2) / degrees)), 1e-9)
     covariances = scale**2 * symmetric(np.linalg.inv(_information(jacobians)))
     _check_certainty(views.distances(points), covariances)
@@ -149,17 +149,17 @@ class _Views:
 
     @property
     def centres(self) -> Array:
-        """Of the cameras, ``(cameras, 3)`` m."""
+        """Centres of the cameras, ``(cameras, 3)`` m."""
         return np.array([camera.position for camera in self.cameras])
 
     def errors(self, points: Array) -> tuple[Array, Array]:
-        """Measured less projected ``(k, cameras, 2)``, and the projections' derivatives by the points, over sigma."""
+        """Measured minus projected ``(k, cameras, 2)``, and the projections' derivatives by the points, over sigma."""
         projected, jacobians = zip(*(camera.linearized(points) for camera in self.cameras), strict=True)
         errors = self.pixels - np.stack(projected, axis=1)
         return errors / self.sigma[:, None], np.stack(jacobians, axis=1) / self.sigma[:, None, None]
 
     def distances(self, points: Array) -> Array:
-        """From the nearest camera, ``(k,)`` m."""
+        """Distances of points from the nearest camera, ``(k,)`` m."""
         return np.asarray(np.linalg.norm(points[:, None] - self.centres, axis=2).min(axis=1))
 
 
@@ -171,14 +171,14 @@ def _rays(camera: Camera, pixels: Array, c: int) -> Array:
 
 
 def _nearest(views: _Views) -> Array:
-    """The points ``(k, 3)`` with the least sum of squared distances from their rays."""
+    """Find the points ``(k, 3)`` with the least sum of squared distances from their rays."""
     rays = np.stack([_rays(camera, views.pixels[:, c], c) for c, camera in enumerate(views.cameras)], axis=1)
     sines = [np.linalg.norm(np.cross(a, b), axis=1) for a, b in combinations(np.swapaxes(rays, 0, 1), 2)]
     angle = np.max(sines, axis=0)
     if angle.min() < _PARALLEL:
         k = int(np.argmin(angle))
         raise DefinitionError(
-            f"pixels[{k}]: its rays are parallel (within {angle[k]:.1e} rad), so the point's distance is not determined"
+            f"pixels[{k}]: the rays are parallel (within {angle[k]:.1e} rad), so the point's distance is not determined"
         )
     across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
     right = np.einsum("kcij,cj->ki", across, views.centres)
@@ -187,7 +187,7 @@ def _nearest(views: _Views) -> Array:
     if ahead.min() <= 0.0:
         k, c = divmod(int(np.argmin(ahead)), len(views.cameras))
         raise DefinitionError(
-            f"pixels[{k}]: its rays meet behind cameras[{c}], so they show no common point, or a camera's pose is wrong"
+            f"pixels[{k}]: the rays meet behind cameras[{c}], so the pixels do not match or a pose is wrong"
         )
     return points
 
@@ -197,7 +197,7 @@ def _information(jacobians: Array) -> Array:
 
 
 def _refined(views: _Views, points: Array) -> Array:
-    """Gauss-Newton steps, cut to half where they would raise the error of a point."""
+    """Refine points by Gauss-Newton steps, halved if they would raise the error of a point."""
     errors, jacobians = views.errors(points)
     factor = np.ones(len(points))
     for _ in range(_STEPS):
@@ -225,6 +225,6 @@ def _check_certainty(distance: Array, covariances: Array) -> None:
     if relative.max() > _UNCERTAIN:
         k = int(np.argmax(relative))
         raise DefinitionError(
-            f"pixels[{k}]: its rays are so nearly parallel that its distance of {distance[k]:.3g} m has a standard "
-            f"deviation of {100.0 * relative[k]:.0f} percent, allowed {100.0 * _UNCERTAIN:.0f}"
+            f"pixels[{k}]: the rays are so nearly parallel that the distance of {distance[k]:.3g} m has a standard "
+            f"deviation of {100.0 * relative[k]:.0f} percent; at most {100.0 * _UNCERTAIN:.0f} is allowed"
         )

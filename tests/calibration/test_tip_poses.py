@@ -115,7 +115,7 @@ def test_command_and_report(tmp_path):
     for text in (
         "1000 experiments, none of them loaded",
         "200, drawn at random (seed 1), are held out of the fit",
-        "## Prediction of the experiments held out: weighted least squares",
+        "## Prediction of the held-out experiments: weighted least squares",
         "| sensors.coil.translation.z [mm] | 0 |",
         "- sensors.coil.rotation.z is not determined",
     ):

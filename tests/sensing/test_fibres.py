@@ -81,15 +81,15 @@ def test_three_cores_leave_nothing_to_estimate_noise_from():
     found = curvature_from_strains(np.zeros((9, 3)), CORES[:3])
     assert found.covariance is None
     assert found.standard_deviations is None
-    assert "not known: give sigma" in found.report()
+    assert "unknown: give sigma" in found.report()
     assert "1/m in u_x, u_y" in curvature_from_strains(np.zeros((9, 3)), CORES[:3], sigma=1e-6).report()
 
 
 @pytest.mark.parametrize(
     ("strains", "cores", "options", "message"),
     [
-        (np.zeros((3, 2)), CORES[:2], {}, "has 2 cores, but needs at least 3"),
-        (np.zeros((3, 1)), CORES[:1], {"temperature": False}, "has 1 cores, but needs at least 2"),
+        (np.zeros((3, 2)), CORES[:2], {}, "has 2 cores, but must have at least 3"),
+        (np.zeros((3, 1)), CORES[:1], {"temperature": False}, "has 1 cores, but must have at least 2"),
         (np.zeros((3, 3)), [[1e-5, 0], [2e-5, 0], [0, 0]], {}, "the cores are on a line, so"),
         (np.zeros((3, 3)), [[1e-5, 1e-5], [2e-5, 0], [0, 2e-5]], {}, "the cores are on a line, so"),
         (np.zeros((3, 2)), [[1e-5, 0], [-1e-5, 0]], {"temperature": False}, "a line through the axis"),

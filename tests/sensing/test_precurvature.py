@@ -203,7 +203,7 @@ def test_reports_name_the_noise():
 @pytest.mark.parametrize(
     ("points", "options", "message"),
     [
-        (CLEAN[:5], {}, "points has 5 points, but needs at least 6"),
+        (CLEAN[:5], {}, "points has 5 points, but must have at least 6"),
         (CLEAN[:, :2], {}, "points has shape"),
         (CLEAN * np.nan, {}, r"points\[0, 0\] = nan"),
         (np.repeat(CLEAN, 2, axis=0), {}, r"points\[0\] and points\[1\] are the same"),
@@ -212,8 +212,8 @@ def test_reports_name_the_noise():
         (CLEAN, {"order": 1}, "order = 1 must be"),
         (CLEAN, {"order": 2.5}, "order = 2.5 must be a whole number"),
         (CLEAN[:8], {"order": 7}, "order = 7 must be at most 6, with 8 points"),
-        (CLEAN, {"smoothing": 1.0}, "smoothing belongs to method = 'spline'"),
-        (CLEAN, {"order": 3, "method": "spline"}, "order belongs to method = 'polynomial'"),
+        (CLEAN, {"smoothing": 1.0}, "smoothing requires method = 'spline'"),
+        (CLEAN, {"order": 3, "method": "spline"}, "order requires method = 'polynomial'"),
         (CLEAN, {"smoothing": 0.0, "method": "spline"}, "smoothing = 0 must be"),
         (CLEAN[:6], {"smoothing": 1e-12, "method": "spline"}, "so small that the curve goes through all points"),
         (CLEAN, {"straight": -0.1}, "straight = -0.1 m"),

@@ -120,11 +120,11 @@ LINE = np.outer(np.arange(5.0), [0.01, 0.02, 0.0])
 @pytest.mark.parametrize(
     ("arguments", "options", "message"),
     [
-        ((cloud(2), cloud(2)), {}, "measured has 2 points, but needs at least 3"),
+        ((cloud(2), cloud(2)), {}, "measured has 2 points, but must have at least 3"),
         ((cloud(4), cloud(5)), {}, "measured has 4 points, but reference has 5"),
         ((LINE, LINE), {}, "measured: the points are on a line"),
         ((cloud(5), LINE), {}, "reference: the points are on a line"),
-        ((np.zeros((4, 3)), cloud(4)), {}, "on a line, or one point"),
+        ((np.zeros((4, 3)), cloud(4)), {}, "on a line or coincide"),
         ((LINE + 1e-4 * cloud(5), LINE + 1e-4 * cloud(5)), {"sigma": 1e-3}, "on a line to within their noise"),
         ((cloud(4)[:, :2], cloud(4)), {}, "measured has shape"),
         ((cloud(4) * np.nan, cloud(4)), {}, r"measured\[0, 0\] = nan"),

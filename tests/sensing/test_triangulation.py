@@ -67,17 +67,17 @@ def test_distortion_matters():
 
 def test_parallel_rays_are_refused():
     pair = [Camera(PAIR[0].intrinsics), Camera(PAIR[0].intrinsics, rigid([0, 0, 0], [0.2, 0, 0]))]
-    with pytest.raises(DefinitionError, match=r"pixels\[1\]: its rays are parallel"):
+    with pytest.raises(DefinitionError, match=r"pixels\[1\]: the rays are parallel"):
         triangulate(pair, [[[500, 300], [400, 300]], [[500, 300], [500, 300]]], sigma=1.0)
-    with pytest.raises(DefinitionError, match=r"pixels\[0\]: its rays are parallel"):
+    with pytest.raises(DefinitionError, match=r"pixels\[0\]: the rays are parallel"):
         triangulate([pair[0], pair[0]], [[[500, 300], [500, 300]]], sigma=1.0)
-    with pytest.raises(DefinitionError, match=r"so nearly parallel that its distance of 115 m .* 71 percent"):
+    with pytest.raises(DefinitionError, match=r"so nearly parallel that the distance of 115 m .* 71 percent"):
         triangulate(pair, [[[500, 300], [498, 300]]], sigma=1.0)
 
 
 def test_points_behind_the_cameras_are_refused():
     pair = [Camera(PAIR[0].intrinsics), Camera(PAIR[0].intrinsics, rigid([0, 0, 0], [0.2, 0, 0]))]
-    with pytest.raises(DefinitionError, match=r"pixels\[0\]: its rays meet behind cameras\["):
+    with pytest.raises(DefinitionError, match=r"pixels\[0\]: the rays meet behind cameras\["):
         triangulate(pair, [[[500, 300], [600, 300]]], sigma=1.0)
 
 

@@ -93,11 +93,11 @@ def test_covariance_of_the_force_is_the_scatter():
 @pytest.mark.parametrize(
     ("points", "options", "message"),
     [
-        (WIRE[:2], {}, "points has 2 points, but needs at least 3"),
-        (WIRE[:1], {"sigma": 1e-4}, "needs at least 2"),
+        (WIRE[:2], {}, "points has 2 points, but must have at least 3"),
+        (WIRE[:1], {"sigma": 1e-4}, "must have at least 2"),
         (np.zeros((4, 3)), {"sigma": 1e-4}, "the first and the last must be apart"),
         (WIRE[[0, 1, 2, 0]], {"sigma": 1e-4}, "the first and the last must be apart"),
-        (WIRE, {"sigma": 0.1}, "they span little more than their noise"),
+        (WIRE, {"sigma": 0.1}, "points span little more than their noise"),
         (WIRE, {"sigma": 1e-4, "covariances": np.eye(3)}, "give one of them"),
         (WIRE[:, :2], {}, "points has shape"),
     ],
