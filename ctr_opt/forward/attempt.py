@@ -1,4 +1,4 @@
-"""What a solve tried: a record of each attempt, and the text of ``Equilibrium.path`` made of them."""
+"""Records of what a solve tried, and the text of ``Equilibrium.path`` made from them."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ..solvers.status import SolveStatus
 
 @attrs.define(eq=False)
 class Attempt:
-    """One solver at work: by which way, how far along it, and how it ended.
+    """One run of one solver: which way it took, how far it got, and how it ended.
 
     Attributes
     ----------
     way
-        Its name, which also says where it starts: ``"homotopy"`` from the straight robot, ``"newton from initial"``.
+        The name of the way, which says where it starts: ``"homotopy"`` starts from the straight robot.
     iterations
-        Newton or IPOPT iterations, those on finer meshes included.
+        Newton or IPOPT iterations, including those on finer meshes.
     reached, folds
-        The part of a path at which it ended, and how many folds it passed.
+        The fraction of its path at which it ended, and the number of folds passed.
     saddles
-        How many saddles of the energy were left.
+        Number of saddles of the energy that it met and left.
     outcome
-        What the numbers do not say: ``"failed"``, ``"neutral"``, ``"unstable: 1 direction"``; empty if all went well.
+        How it ended, in words: ``"failed"``, ``"neutral"``, ``"unstable: 1 direction"``; empty if it succeeded.
     """
 
     way: str
@@ -47,7 +47,7 @@ class Attempt:
 
 
 def path_of(attempts: Iterable[Attempt]) -> str:
-    """Attempts in their order; those alike in succession are of the same way on finer and finer meshes."""
+    """The attempts in their order as text; equal ones in succession are counted as finer meshes."""
     steps = [(text, len(list(same))) for text, same in groupby(map(str, attempts))]
     return " -> ".join(text if count == 1 else f"{text} ({count} meshes)" for text, count in steps)
 
@@ -55,8 +55,8 @@ def path_of(attempts: Iterable[Attempt]) -> str:
 class Failed(Exception):  # noqa: N818 - never leaves this package
     """A way ended without an equilibrium.
 
-    ``z`` are the unknowns where it ended, at the part ``reached`` of its path. An ``exhausted`` way has used up its
-    steps: more of the same kind might have helped, another way hardly will.
+    It ended at the unknowns ``z``, at the fraction ``reached`` of its path. An ``exhausted`` way has used up its steps:
+    more steps might have helped, another way hardly will.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Failed(Exception):  # noqa: N818 - never leaves this package
 
     @classmethod
     def joined(cls, failures: list[Failed]) -> Failed:
-        """All failures in one, with the status of the one that came furthest."""
+        """One failure with all messages, and the status of the failure that got furthest."""
         furthest = max(failures, key=lambda failure: failure.reached)
         message = "; ".join(failure.message for failure in failures)
         return cls(furthest.status, message, furthest.z, furthest.reached)

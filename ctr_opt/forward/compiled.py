@@ -1,4 +1,4 @@
-"""Solves by compiled code: called through buffers, answers made into objects only as far as they are looked at."""
+"""Solves by compiled code, called through buffers; result objects are built lazily."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from .attempt import Attempt
 from .record import BaseMoments, Outcome, SolvedRecord
 from .settings import Settings
 
-_STEPS = 24  # room for so many steps in a result, until one needs more
+_STEPS = 24  # room for this number of steps in a result, until one needs more
 
 
 class CompiledProblem:
-    """A robot and settings before a compiled library: every call gives None where the slower way must be taken."""
+    """A robot and its settings for a compiled library; calls return None if the general solver must be used."""
 
     def __init__(self, robot: Robot, settings: Settings, native: Native) -> None:
         self.robot = robot
@@ -50,22 +50,22 @@ class CompiledProblem:
         self._mine = threading.local()
 
     def solve(self, actuation: Actuation, loads: tuple[Load, ...], initial: Record | None) -> CompiledRecord | None:
-        """An equilibrium from another one, or from nothing."""
+        """Solve from another equilibrium, or from a cold start."""
         begin = perf_counter()
         start = None if initial is None else self._start(initial)
         rows, inputs = self._inputs(actuation, loads)
         if rows is None or (start is None and initial is not None):
             return None
         while True:
-            numbers = self._room()  # made and located much faster than an array
+            numbers = self._room()  # created and located much faster than an array
             address = ctypes.addressof(numbers)
             if start is None:
                 failed = self.native.cold(self._address, rows.address, inputs, self._goal, address, self._size)
             else:
                 failed = self.native.warm(self._address, rows.address, inputs, start, self._goal, address, self._size)
             if not failed:
-                found = CompiledRecord(self, actuation, loads, numbers, address, perf_counter() - begin)
-                return None if start is None and self.left(found) else found
+                record = CompiledRecord(self, actuation, loads, numbers, address, perf_counter() - begin)
+                return None if start is None and self.rejects(record) else record
             if failed != Failure.TOO_SMALL:
                 return None
             self._make_room(2 * int(numbers[Head.NEEDED]))
@@ -74,18 +74,18 @@ class CompiledProblem:
         self._size, self._room = size, ctypes.c_double * size
 
     def knows(self, loads: tuple[Load, ...]) -> bool:
-        """Whether there is compiled code for all of the loads."""
+        """Whether compiled code supports all of the loads."""
         return self._rows(loads) is not None
 
-    def left(self, record: CompiledRecord) -> bool:
-        """Whether an answer is not good enough for a cold start: it is unstable, and there are other ways to go."""
+    def rejects(self, record: CompiledRecord) -> bool:
+        """Whether a cold start's answer is rejected: it is unstable, and other ways remain."""
         if not (self._automatic and record.cold):
             return False
         counted = record.second_variation
         return counted is not None and counted.negative > 0
 
     def _start(self, initial: Record) -> int | None:
-        """Address of the numbers that a solve starts from; None where it cannot start from this equilibrium."""
+        """Address of the numbers that a solve starts from; None if it cannot start from this equilibrium."""
         if isinstance(initial, CompiledRecord):
             return initial.start if initial.sizes.unknowns == self.sizes.unknowns else None
         jacobian = initial.outcome.jacobian
@@ -103,18 +103,18 @@ class CompiledProblem:
         return int(block.ctypes.data)
 
     def batch(self, actuations: Array, loads: list[tuple[Load, ...]]) -> CompiledBatch | None:
-        """Many rows of actuations and loads; None where there are loads that the compiled solver does not know."""
+        """Many rows of actuations and loads; None if the compiled solver does not support some load."""
         tables: dict[int, LoadRows] = {}
-        for each in loads:
-            if id(each) not in tables:
-                table = LoadRows.of(self.robot, each)
+        for row in loads:
+            if id(row) not in tables:
+                table = LoadRows.of(self.robot, row)
                 if table is None:
                     return None
-                tables[id(each)] = table
+                tables[id(row)] = table
         return CompiledBatch(self, np.ascontiguousarray(actuations), loads, tables)
 
     def derive(self, of: CompiledRecord, tube: int) -> tuple[Array, Array] | None:
-        """The tip's pose rates with actuation ``(6, 2n)`` and with a wrench at the tip of a tube ``(6, 6)``."""
+        """Derivatives of the tip's pose by actuation ``(6, 2n)`` and by a wrench at the tip of a tube ``(6, 6)``."""
         jacobian, compliance = np.empty((6, 2 * self._tubes)), np.empty((6, 6))
         refinements = int(of.numbers[Head.REFINEMENTS])
         outputs = jacobian.ctypes.data, compliance.ctypes.data
@@ -129,19 +129,19 @@ class CompiledProblem:
         return None if failed else (out[:-1].reshape(k, k), float(out[-1]))
 
     def stability(self, of: CompiledRecord) -> SecondVariation | None:
-        """The second variation of the potential energy; None where the slower way must be taken."""
+        """The second variation of the potential energy; None if the general solver must compute it."""
         margin = ctypes.c_double()
         negative = self.native.stability(*self._case(of), of.address, ctypes.byref(margin))
         return None if negative < 0 else SecondVariation(negative, margin.value > 0.0, abs(margin.value))
 
     def _case(self, of: CompiledRecord) -> tuple[int, int, int]:
-        """The addresses of robot, loads and actuation of a result."""
+        """The addresses of a result's robot, loads and actuation."""
         rows, inputs = self._inputs(of.actuation, of.loads)
         assert rows is not None
         return self._address, rows.address, inputs
 
     def _inputs(self, actuation: Actuation, loads: tuple[Load, ...]) -> tuple[LoadRows | None, int]:
-        """Loads as rows and the address of the actuation."""
+        """The loads as rows, and the address of the actuation."""
         mine = self._mine.__dict__
         rows = self._rows(loads)
         if "actuation" not in mine:
@@ -153,7 +153,7 @@ class CompiledProblem:
         return rows, mine["address"]
 
     def _rows(self, loads: tuple[Load, ...]) -> LoadRows | None:
-        """Loads as rows, made anew when they are others than last time."""
+        """The loads as rows, made again only if they differ from those of the last call."""
         mine = self._mine.__dict__
         if mine.get("loads") != loads:
             mine["rows"], mine["loads"] = LoadRows.of(self.robot, loads), loads
@@ -162,21 +162,21 @@ class CompiledProblem:
 
 
 class CompiledBatch:
-    """Many rows before a compiled solver, and the room for their results."""
+    """Many rows for a compiled solver, with memory for their results."""
 
     def __init__(
         self, problem: CompiledProblem, actuations: Array, loads: list[tuple[Load, ...]], tables: dict[int, LoadRows]
     ) -> None:
         count, size = len(actuations), problem._size
         self._problem, self._actuations, self._loads, self._tables = problem, actuations, loads, tables
-        self._addresses = np.array([tables[id(each)].address for each in loads], dtype=np.uintp)
+        self._addresses = np.array([tables[id(row)].address for row in loads], dtype=np.uintp)
         self._numbers, self._failed = np.empty((count, size)), np.empty(count, dtype=np.intc)
 
     def solve(self, first: int, before: Record | None, chained: bool) -> list[CompiledRecord | None]:
-        """The equilibria of the rows from ``first`` on, up to one that must take the slower way: None.
+        """The equilibria of the rows from ``first`` on, up to a None for a row that needs the general solver.
 
-        Rows that are not ``chained`` are all there, with None for each that must take the slower way. So must a chain's
-        cold start, as its stability is to be known before it is followed.
+        If the rows are not ``chained`` all are returned, with None for each that needs the general solver. The cold
+        start of a chain needs it too, as its stability must be known before it is followed.
         """
         problem, count = self._problem, len(self._actuations) - first
         start = None if before is None else problem._start(before)
@@ -189,18 +189,18 @@ class CompiledBatch:
         done = problem.native.many(*case, start, chained, goal, address, size, failed.ctypes.data)
         seconds, tubes = (perf_counter() - begin) / max(done, 1), actuations.shape[1] // 2
         cold, lost = numbers[:done, Head.COLD].tolist(), failed[:done].tolist()
-        found: list[CompiledRecord | None] = []
+        records: list[CompiledRecord | None] = []
         for k, row in enumerate(actuations[:done]):
             actuation, loads = (row[:tubes], row[tubes:]), self._loads[first + k]
-            each = CompiledRecord(problem, actuation, loads, numbers[k], address + 8 * size * k, seconds)
-            found.append(None if lost[k] or (cold[k] and problem.left(each)) else each)
-        return found
+            record = CompiledRecord(problem, actuation, loads, numbers[k], address + 8 * size * k, seconds)
+            records.append(None if lost[k] or (cold[k] and problem.rejects(record)) else record)
+        return records
 
 
 class CompiledRecord:
-    """The record of a compiled solve: its parts are made of the result's numbers when they are asked for.
+    """The record of a compiled solve, whose parts are built from the result's numbers on request.
 
-    It has the members of a :class:`SolvedRecord`, and outlives the library, which is of one process.
+    It has the members of a :class:`SolvedRecord`. It outlives the library, which belongs to one process.
     """
 
     status = SolveStatus.CONVERGED
@@ -220,7 +220,7 @@ class CompiledRecord:
         self._time = solve_time
         self.sizes = problem.sizes
         self.address = address
-        self.start = address + problem.offset  # of the block that another solve may start from
+        self.start = address + problem.offset  # address of the block that another solve may start from
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_problem": None, "_held": self.numbers}
@@ -232,12 +232,12 @@ class CompiledRecord:
 
     @cached_property
     def numbers(self) -> Array:
-        """The result as the library left it."""
+        """The numbers that the library wrote."""
         return np.asarray(self._held)
 
     @property
     def cold(self) -> bool:
-        """Whether it was found from nothing."""
+        """Whether the solve was a cold start."""
         return bool(self.numbers[Head.COLD])
 
     @property
@@ -258,7 +258,7 @@ class CompiledRecord:
         return Configuration(self.robot, self.actuation, self.loads)
 
     def _block(self, name: str, end: str) -> Array:
-        """The part of the result that begins with a block and ends where another one begins."""
+        """The part of the result from the beginning of one block to the beginning of another."""
         steps = int(self.numbers[Head.STEPS])
         return self.numbers[self.sizes.at(name, steps) : self.sizes.at(end, steps)]
 
@@ -267,14 +267,14 @@ class CompiledRecord:
 
     @property
     def unknowns(self) -> Array:
-        """Moments, N m, and force, N, at the base in the order of the equations."""
+        """Moments (N m) and force (N) at the base in the order of the equations."""
         z, (moment, force) = self._start("unknowns"), self._start("units")
         moments = 2 + len(self.robot.tubes)
         return np.concatenate((z[:moments] * moment, z[moments:] * force))
 
     @cached_property
     def base(self) -> BaseMoments:
-        """The same, by what they are."""
+        """Moments and force at the base, by name."""
         return BaseMoments.of(self._start("unknowns"), self.configuration.scales, len(self.robot.tubes))
 
     @cached_property
@@ -292,12 +292,12 @@ class CompiledRecord:
 
     @cached_property
     def _inspected(self) -> tuple[Array, float]:
-        """What a solve leaves for later: the Jacobian and the estimated error, of which it only needs a bound."""
+        """The Jacobian and the estimated error; the solve itself needs only a bound of the error."""
         inspected = None if self._problem is None else self._problem.inspect(self)
         if inspected is not None:
             return inspected
-        own, shape = self.configuration, self.shape
-        z = self.base.unknowns(own.scales, own.kind.live)
+        configuration, shape = self.configuration, self.shape
+        z = self.base.unknowns(configuration.scales, configuration.kind.live)
         estimate, solution = estimate_error_of_nodes(shape.shooting, z, shape.nodes)
         return solution.jacobian, estimate.error
 
@@ -310,16 +310,16 @@ class CompiledRecord:
 
     @cached_property
     def second_variation(self) -> SecondVariation | None:
-        """Of the potential energy; None where there is none."""
+        """The second variation of the potential energy; None without a potential."""
         if any(load.nonconservative for load in self.loads):
             return None
         counted = None if self._problem is None else self._problem.stability(self)
         return counted or self.shape.second_variation
 
     def tip_rates(self, tube: int | None = None) -> tuple[Array, Array] | None:
-        """Derivatives of the tip's pose by actuation and by a wrench, where this tube (None: the innermost) ends there.
+        """Derivatives of the tip's pose by actuation and by a wrench on a tube (None: the innermost) that ends there.
 
-        None where the slower way must be taken.
+        None if the general solver must compute them.
         """
         return self._tip_rates(self._innermost_at_tip if tube is None else tube)
 
@@ -329,7 +329,7 @@ class CompiledRecord:
 
     @property
     def one_sided(self) -> bool:
-        """Whether it is known that derivatives at the tip have sides."""
+        """Whether derivatives at the tip are known to be one-sided."""
         return self._problem is not None and self.tip_rates() is None
 
     @cached_property
@@ -360,7 +360,7 @@ class CompiledRecord:
 
 
 def _turned(quaternion: list[float], angle: float) -> Array:
-    """``R(q) Rz(angle)`` of a quaternion of any length."""
+    """The rotation ``R(q) Rz(angle)`` of a quaternion of any length."""
     w, x, y, z = quaternion
     c, s = cos(0.5 * angle), sin(0.5 * angle)
     w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
@@ -375,4 +375,4 @@ def _turned(quaternion: list[float], angle: float) -> Array:
 
 
 Record: TypeAlias = SolvedRecord | CompiledRecord
-"""What an equilibrium may be made of."""
+"""The record of an equilibrium."""

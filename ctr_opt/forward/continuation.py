@@ -1,4 +1,4 @@
-"""From one equilibrium to another: actuation and loads changed in proportion."""
+"""Continuation from one equilibrium to another: actuation and loads change in proportion."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ..solvers.newton import System
 from ..transcription.shooting import Shooting
 
 Path: TypeAlias = Callable[[float], System]
-"""Systems by a parameter that runs from 0 to 1."""
+"""A path of systems, by a parameter that runs from 0 to 1."""
 
 
 @attrs.frozen(eq=False)
 class Route:
     """The configurations between ``start`` and ``target``, all of the target's robot.
 
-    Actuation runs linearly from one to the other while the first loads fade and the second grow; a load that would
-    fall off its tube on the way stays at its end. All are stated with the unknowns that ``kind``, the loads of both
-    ends together, asks for.
+    Actuation changes linearly while the loads of the start fade and those of the target grow. A load that would fall
+    off its tube on the way stays at the tube's end. All systems have the unknowns of ``kind``, which covers the loads
+    of both ends.
     """
 
     start: Configuration
@@ -34,7 +34,7 @@ class Route:
 
     @property
     def kind(self) -> Kind:
-        """What provides for the loads of both ends."""
+        """The kind that covers the loads of both ends."""
         return self.start.kind.joined(self.target.kind)
 
     def configuration(self, parameter: float) -> Configuration:
@@ -53,22 +53,22 @@ class Route:
         """The shooting problem at a point of the route, in the target's units."""
         configuration = self.configuration(parameter)
         shooting = Shooting(configuration, configuration.mesh(), self.integrator, self.kind)
-        own, unit = configuration.scales, self.target.scales
-        units = np.full(shooting.unknowns, unit.moment / own.moment)
-        units[2 + configuration.tube_count :] = unit.force / own.force
+        scales, unit = configuration.scales, self.target.scales
+        units = np.full(shooting.unknowns, unit.moment / scales.moment)
+        units[2 + configuration.tube_count :] = unit.force / scales.force
         return _Rescaled(shooting, units)
 
 
-_IMPERFECTION = 0.01  # residual put on at the start: moments at the tip, over max(EI) / length
+_IMPERFECTION = 0.01  # residual added at the start: moments at the tip, over max(EI) / length
 
 
 def released(system: System, z: Array) -> Path:
-    """A path from any point to a solution: the residual that the point leaves is released in proportion."""
+    """A path from any point to a solution, along which the residual at that point is released in proportion."""
     return _faded(lambda _: system, system.linearize(z)[0])
 
 
 def imperfect(path: Path, unknowns: int) -> Path:
-    """A path of systems with small moments at the tip that fade along it: what is perfect no longer bifurcates."""
+    """A path of systems with small, fading moments at the tip, so that a perfect robot no longer bifurcates."""
     return _faded(path, _IMPERFECTION * np.cos(1.0 + 2.0 * np.arange(unknowns)))
 
 
@@ -88,7 +88,7 @@ class _Shifted:
 
 @attrs.frozen(eq=False)
 class _Rescaled:
-    """A problem whose unknowns (and residuals) are given in ``units`` times its own."""
+    """A shooting problem whose unknowns and residuals are multiplied by ``units``."""
 
     shooting: Shooting
     units: Array

@@ -16,36 +16,43 @@ from ..robot.names import Parameter, chosen, parameters
 from .outputs import output, place_of
 from .sensitivity import Solved, derivatives, kinked
 
-_APART = 1e-9  # relative: derivatives from the two sides that differ by less are the same
+_APART = 1e-9  # relative: derivatives from the two sides that differ by less count as equal
 
 
 def jacobian(solved: Solved, s: float | None, side: int) -> Array:
-    """Of the pose at ``s`` or at the tip, by rotations and translations."""
+    """Derivative of the pose at ``s`` or at the tip by rotations and translations."""
     wanted = Observable("pose") if s is None else output(("pose", s), solved.configuration)
     return derivatives(solved, wanted, _joints(solved, "rotations", "translations"), side=_checked(side)).first
 
 
 def compliance(solved: Solved, s: float | None, load_at: float | None, carrier: int) -> Array:
-    """Of the pose at ``s`` or at the tip, by a wrench added to a tube: it is added as nothing, to be derived by."""
-    own = solved.configuration
-    at = None if load_at is None else place_of(load_at, carrier, own, "load_at")
-    configuration = Configuration(own.robot, own.actuation, (*own.loads, PointWrench(arc_length=at, tube=carrier)))
-    reached = own.length if s is None else place_of(s, None, own)
-    present = carrier if own.ends.reaches(carrier, reached) else None
+    """Derivative of the pose at ``s`` or at the tip by a wrench on a tube, added as a load of zero."""
+    configuration = solved.configuration
+    at = None if load_at is None else place_of(load_at, carrier, configuration, "load_at")
+    extended = Configuration(
+        configuration.robot, configuration.actuation, (*configuration.loads, PointWrench(arc_length=at, tube=carrier))
+    )
+    reached = configuration.length if s is None else place_of(s, None, configuration)
+    present = carrier if configuration.ends.reaches(carrier, reached) else None
     wanted = Observable("pose", None if s is None else reached, present)
-    name = f"loads[{len(own.loads)}]"
-    added = chosen(parameters(own.robot, own.actuation, configuration.loads), [f"{name}.force", f"{name}.moment"])
-    return derivatives(solved.under(configuration), wanted, added).first
+    name = f"loads[{len(configuration.loads)}]"
+    added = chosen(
+        parameters(configuration.robot, configuration.actuation, extended.loads), [f"{name}.force", f"{name}.moment"]
+    )
+    return derivatives(solved.under(extended), wanted, added).first
 
 
 def sensitivity(solved: Solved, of: Any, wrt: str | Sequence[str], order: int, side: int) -> Array:
-    """Of an output by named parameters, with the axes of the output first."""
-    own = solved.configuration
+    """Derivative of an output by named parameters; the axes of the output come first."""
+    configuration = solved.configuration
     if order not in (1, 2):
         raise DefinitionError(f"order = {order!r} must be 1 or 2")
     single = isinstance(wrt, str)
-    selected = chosen(parameters(own.robot, own.actuation, own.loads), [wrt] if isinstance(wrt, str) else wrt)
-    wanted = output(of, own)
+    selected = chosen(
+        parameters(configuration.robot, configuration.actuation, configuration.loads),
+        [wrt] if isinstance(wrt, str) else wrt,
+    )
+    wanted = output(of, configuration)
     result = derivatives(solved, wanted, selected, side=_checked(side), order=order)
     shape = selected[0].value.shape if single else (sum(parameter.size for parameter in selected),)
     if result.second is None:
@@ -69,20 +76,20 @@ def base_wrench(solved: Solved) -> Array:
 
 
 def kinks(solved: Solved) -> tuple[int, ...]:
-    """The tubes whose derivatives by translation differ from side to side."""
+    """The tubes whose derivatives by translation differ between the two sides."""
     moving = _joints(solved, "translations")
     suspects = kinked(solved, moving)
     if not suspects:
         return ()
     sides = [derivatives(solved, Observable("pose"), moving, side=side) for side in (1, -1)]
-    both = [np.vstack((each.first, each.unknowns)) for each in sides]
+    both = [np.vstack((one_side.first, one_side.unknowns)) for one_side in sides]
     apart = np.abs(both[0] - both[1]).max(axis=0) > _APART * np.abs(both[0]).max()
     return tuple(i for i in suspects if apart[i])
 
 
 def _joints(solved: Solved, *names: str) -> list[Parameter]:
-    own = solved.configuration
-    return chosen(parameters(own.robot, own.actuation), names)
+    configuration = solved.configuration
+    return chosen(parameters(configuration.robot, configuration.actuation), names)
 
 
 def _checked(side: int) -> int:

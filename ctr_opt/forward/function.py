@@ -1,8 +1,8 @@
-"""The solved forward problem as a differentiable CasADi function, for programs of the user's own.
+"""The solved forward problem as a differentiable CasADi function, for user-defined programs.
 
-Break points are sorted inside, so that tubes may pass each other; Newton's method is CasADi's ``rootfinder``, whose
-derivatives follow from the implicit-function theorem. A rootfinder may end without a root and even call a residual of
-NaN a success, so that everything it returns is checked: outputs are the robot's, or NaN.
+Break points are sorted inside, so that tubes may pass each other. Newton's method is CasADi's ``rootfinder``, whose
+derivatives follow from the implicit-function theorem. A rootfinder may end without a root, and may even report success
+at a residual of NaN. So everything it returns is checked, and outputs are NaN unless the equations hold.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .equilibrium import Equilibrium
 from .sensitivity import Solved
 
 _NEWTON = {"abstol": 1e-10, "max_iter": 30, "error_on_fail": False, "show_eval_warnings": False}
-_ACCEPTED = 1e-8  # scaled residual: of flexible robots rounding errors alone leave more than ``abstol``
+_ACCEPTED = 1e-8  # scaled residual: for flexible robots, rounding errors alone leave more than ``abstol``
 _SLACK = 1e-6  # of the length: optimizers overstep their bounds a little
 
 
 def forward_function(robot: Robot, initial: Any, wrt: Any, along: Any, steps: Any) -> ca.Function:
-    """The function that ``ForwardProblem.function`` describes, from its arguments."""
+    """Build the function that ``ForwardProblem.function`` describes."""
     if not isinstance(initial, Equilibrium) or initial.robot != robot:
         raise DefinitionError(f"initial = {initial!r} must be an Equilibrium of this problem's robot")
     if isinstance(wrt, str):
@@ -40,27 +40,27 @@ def forward_function(robot: Robot, initial: Any, wrt: Any, along: Any, steps: An
 
 
 def _forward_map(solved: Solved, wrt: Sequence[str], along: Array, steps: int | None) -> ca.Function:
-    own = solved.configuration
-    selected = chosen(parameters(own.robot, own.actuation, own.loads), wrt)
+    configuration = solved.configuration
+    selected = chosen(parameters(configuration.robot, configuration.actuation, configuration.loads), wrt)
     probes = [(s, None) for s in along.tolist()]
-    problem = ParametricProblem(own, selected, solved.integrator, probes, clip=True)
+    problem = ParametricProblem(configuration, selected, solved.integrator, probes, clip=True)
     order = problem.sorted()
     cuts = np.linspace(0.0, 1.0, (solved.steps if steps is None else steps) + 1)
     model = _Model(Discretized(problem, order, [cuts] * order.sections), len(solved.z))
-    inputs = [ca.MX.sym(identifier(each.name), *_size(each)) for each in selected]
+    inputs = [ca.MX.sym(identifier(parameter.name), *_size(parameter)) for parameter in selected]
     start = ca.MX.sym("initial", model.unknowns)
-    unit = own.scales.unknowns(own.tube_count, own.kind.live)
+    unit = configuration.scales.unknowns(configuration.tube_count, configuration.kind.live)
     values, norm = model.solved()(ca.vertcat(*(ca.vec(symbol.T) for symbol in inputs)), start / unit)
     sizes = {"tip_position": (3, 1), "tip_rotation": (3, 3), "positions": (3, len(along))}
     rows = slices({name: rows * columns for name, (rows, columns) in sizes.items()} | {"unknowns": model.unknowns})
-    told = {name: ca.reshape(values[rows[name]], size) for name, size in sizes.items() if size[1]}
-    told |= {"unknowns": values[rows["unknowns"]] * unit, "residual_norm": norm}
+    outputs = {name: ca.reshape(values[rows[name]], size) for name, size in sizes.items() if size[1]}
+    outputs |= {"unknowns": values[rows["unknowns"]] * unit, "residual_norm": norm}
     names = [*(symbol.name() for symbol in inputs), "initial"]
-    return ca.Function("forward", [*inputs, start], list(told.values()), names, list(told))
+    return ca.Function("forward", [*inputs, start], list(outputs.values()), names, list(outputs))
 
 
 class _Model:
-    """Outputs and residual as functions of unknowns and parameters, and the root with its derivatives."""
+    """The outputs and the residual as functions of unknowns and parameters, and the root with its derivatives."""
 
     def __init__(self, discretized: Discretized, unknowns: int) -> None:
         self.discretized = discretized
@@ -73,11 +73,11 @@ class _Model:
         self.all = ca.Function("all", [z, theta], [_outputs(self.problem, swept), swept.residual, margin])
 
     def solved(self) -> ca.Function:
-        """``(theta, initial) -> (outputs and unknowns, or NaN; norm of the residual)``."""
+        """The function ``(theta, initial) -> (outputs and unknowns, or NaN; norm of the residual)``."""
         theta, start = ca.MX.sym("theta", self.count), ca.MX.sym("initial", self.unknowns)
         z = self._root()(start, theta)
         values, residual, margin = self.all(z, theta)
-        norm = ca.norm_2(residual)  # not norm_inf, which passes over NaN
+        norm = ca.norm_2(residual)  # not norm_inf, which ignores NaN
         good = ca.logic_and(norm <= _ACCEPTED, margin >= -_SLACK * self.problem.configuration.length)
         outputs: list[Any] = [ca.if_else(good, ca.vertcat(values, z), np.nan), norm]
         options: dict[str, Any] = {
@@ -91,7 +91,7 @@ class _Model:
     def _jacobian(self, size: int) -> ca.Function:
         """The derivatives of ``solved`` by the implicit-function theorem, at the unknowns among its values.
 
-        That of the rootfinder would solve once more, and its second derivatives take a hundred times as long.
+        The rootfinder's own derivatives would solve again, and its second derivatives take a hundred times as long.
         """
         theta, start = ca.MX.sym("theta", self.count), ca.MX.sym("initial", self.unknowns)
         values, norm = ca.MX.sym("values", size), ca.MX.sym("norm")
@@ -111,7 +111,7 @@ class _Model:
         )
 
     def _root(self) -> ca.Function:
-        """``(initial, theta) -> z``; the data are made once and not in every iteration."""
+        """The function ``(initial, theta) -> z``; the data are computed once and not in every iteration."""
         z, start, theta = (ca.MX.sym("z", size) for size in (self.unknowns, self.unknowns, self.count))
         columns, entry, *_ = self.discretized.data(theta)
         data = ca.MX.sym("data", columns.numel() + entry.numel())
@@ -129,13 +129,13 @@ def _size(parameter: Parameter) -> tuple[int, int]:
 
 
 def _outputs(problem: ParametricProblem, swept: Swept) -> Any:
-    """Position and rotation of the tip, positions along the robot, in one column."""
+    """Position and rotation of the tip and positions along the robot, in one column."""
     configuration = problem.configuration
     tubes, length = configuration.tube_count, configuration.scales.length
     tip = State.split(swept.left[:, -1], tubes)
     at_tip = ca.Function("at_tip", [problem.theta], [problem.parametric.tube_at_tip])(swept.theta)
     angle = ca.dot(at_tip, tip.angles)
-    found = [tip.position * length, ca.vec(material_frame(tip.orientation, angle))]
+    outputs = [tip.position * length, ca.vec(material_frame(tip.orientation, angle))]
     if swept.weights.shape[1]:
-        found.append(ca.vec((swept.right @ swept.weights)[State.parts(tubes)["position"], :]) * length)
-    return ca.vertcat(*found)
+        outputs.append(ca.vec((swept.right @ swept.weights)[State.parts(tubes)["position"], :]) * length)
+    return ca.vertcat(*outputs)

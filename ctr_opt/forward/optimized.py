@@ -25,48 +25,48 @@ from .compiled import Record
 from .run import Measured, Reached, Run
 
 Find: TypeAlias = Callable[[Run, Array, Shape | None], tuple[NodeStates, Array]]
-"""A solution on a mesh, states at its nodes and unknowns, from the straight robot or from another shape."""
+"""Finds a solution on a mesh (node states and unknowns) from the straight robot or from another shape."""
 
 
 def minimum(
     run: Run, configuration: Configuration, mesh: Array, shape: Shape | None, way: str = "energy"
 ) -> tuple[EnergyProblem, Minimum]:
-    """A minimum of the energy, with the loads in steps where that fails from the straight robot."""
+    """Minimize the energy; if that fails from the straight robot, increase the loads in steps."""
     attempt, settings = run.attempt(way), run.settings
     energy = run.setup(lambda: EnergyProblem(configuration, mesh, settings.transcription, settings.integrator))
     solver = run.setup(lambda: _solver(energy.program.nlp, settings.ipopt))
     guess = energy.guess(shape)
-    found = minimize(solver, energy, guess)
-    attempt.iterations = found.iterations
-    if found.inertia is None and shape is None:
+    stationary = minimize(solver, energy, guess)
+    attempt.iterations = stationary.iterations
+    if stationary.inertia is None and shape is None:
         attempt.saddles, attempt.outcome = 0, "failed"
         attempt = run.attempt("energy, loads in steps")
-        found = minimize_in_steps(solver, energy, guess)
-        attempt.iterations = found.iterations
-    attempt.saddles = found.descents
-    if not found.found:
+        stationary = minimize_in_steps(solver, energy, guess)
+        attempt.iterations = stationary.iterations
+    attempt.saddles = stationary.descents
+    if not stationary.is_minimum:
         attempt.outcome = "failed"
-        raise _no_minimum(run, attempt, energy, found)
-    if not found.stable:
+        raise _no_minimum(run, attempt, energy, stationary)
+    if not stationary.stable:
         attempt.outcome = "neutral"
-    return energy, found
+    return energy, stationary
 
 
-def polished(run: Run, energy: EnergyProblem, found: Minimum) -> Reached:
-    """A minimum of the energy as a solution of the boundary-value problem, by Newton's method."""
-    _, z = energy.recover(found.point.x, found.point.multipliers)
-    return run.newton(run.shooting_of(energy.configuration), z, NEARBY if found.stable else ALONG_FAMILY, "newton")
+def polished(run: Run, energy: EnergyProblem, stationary: Minimum) -> Reached:
+    """Turn a minimum of the energy into a solution of the boundary-value problem, by Newton's method."""
+    _, z = energy.recover(stationary.point.x, stationary.point.multipliers)
+    return run.newton(run.shooting_of(energy.configuration), z, NEARBY if stationary.stable else ALONG_FAMILY, "newton")
 
 
 def lowest(run: Run, mesh: Array, shape: Shape | None) -> tuple[NodeStates, Array]:
-    """A minimum of the transcribed energy."""
+    """Find a minimum of the transcribed energy."""
     first = run.initial is not None and not run.attempts
-    energy, found = minimum(run, run.configuration, mesh, shape, "energy from initial" if first else "energy")
-    return energy.recover(found.point.x, found.point.multipliers)
+    energy, stationary = minimum(run, run.configuration, mesh, shape, "energy from initial" if first else "energy")
+    return energy.recover(stationary.point.x, stationary.point.multipliers)
 
 
 def balance(run: Run, mesh: Array, shape: Shape | None) -> tuple[NodeStates, Array]:
-    """A solution of the transcribed boundary-value problem."""
+    """Find a solution of the transcribed boundary-value problem."""
     attempt, settings = run.attempt("ipopt"), run.settings
     problem = run.setup(
         lambda: EquilibriumProblem(run.configuration, mesh, settings.transcription, settings.integrator)
@@ -81,7 +81,7 @@ def balance(run: Run, mesh: Array, shape: Shape | None) -> tuple[NodeStates, Arr
 
 
 def discretized(run: Run, find: Find, shape: Shape | None) -> Measured:
-    """A solution in a discretization of its own, on finer and finer meshes until it meets the tolerance."""
+    """Solve in the transcription's own discretization, on finer meshes until the tolerance is met."""
     integrator = run.settings.integrator
 
     def measured(mesh: Array, shape: Shape | None) -> Measured:
@@ -100,25 +100,25 @@ def discretized(run: Run, find: Find, shape: Shape | None) -> Measured:
 # -- shapes to start from ----------------------------------------------------------------------------------------------
 
 
-def shape_of_minimum(run: Run, energy: EnergyProblem, found: Minimum) -> Shape:
+def shape_of_minimum(run: Run, energy: EnergyProblem, stationary: Minimum) -> Shape:
     """The shape of a minimum of the energy."""
-    nodes, _ = energy.recover(found.point.x, found.point.multipliers)
+    nodes, _ = energy.recover(stationary.point.x, stationary.point.multipliers)
     return Shape(energy.configuration, energy.mesh, nodes, run.settings.integrator)
 
 
 def shape_of(run: Run, initial: Record) -> Shape:
-    """The shape of an equilibrium, or the one that a guess of the moments at the base stands for."""
+    """The shape of an equilibrium, or the shape that follows from a guess of the moments at the base."""
     if initial.shape is not None:
         return initial.shape
     z = initial.base.unknowns(initial.configuration.scales, initial.configuration.kind.live)
     shape = swept(run, run.shooting_of(initial.configuration), z)
     if not np.all(np.isfinite(shape.nodes.left)):
-        raise Failed(SolveStatus.STALLED, "the guess stands for no finite shape", z)
+        raise Failed(SolveStatus.STALLED, "the guess does not lead to a finite shape", z)
     return shape
 
 
 def swept(run: Run, shooting: Shooting, z: Array) -> Shape:
-    """The shape that unknowns at the base stand for."""
+    """The shape that follows from the unknowns at the base."""
     nodes, _ = shooting.sweep(z)
     return Shape(shooting.configuration, shooting.mesh, nodes, run.settings.integrator)
 
@@ -126,11 +126,11 @@ def swept(run: Run, shooting: Shooting, z: Array) -> Shape:
 # -- failures ----------------------------------------------------------------------------------------------------------
 
 
-def _no_minimum(run: Run, attempt: Attempt, energy: EnergyProblem, found: Minimum) -> Failed:
-    if found.inertia is None:
-        return _not_optimal(run, attempt, found.point, energy.program.nlp)
-    smallest = found.inertia.smallest
-    message = f"the second variation has the smallest eigenvalue {smallest:.2g} after {found.descents} descents"
+def _no_minimum(run: Run, attempt: Attempt, energy: EnergyProblem, stationary: Minimum) -> Failed:
+    if stationary.inertia is None:
+        return _not_optimal(run, attempt, stationary.point, energy.program.nlp)
+    smallest = stationary.inertia.smallest
+    message = f"the second variation has the smallest eigenvalue {smallest:.2g} after {stationary.descents} descents"
     return Failed(SolveStatus.NO_MINIMUM, f"{attempt.way}: {message}", _nothing(run))
 
 
@@ -138,7 +138,7 @@ def _not_optimal(run: Run, attempt: Attempt, point: IpoptPoint, nlp: Nlp) -> Fai
     residual = np.nan_to_num(np.abs(point.residual), nan=np.inf)
     worst = int(residual.argmax())
     message = (
-        f"{attempt.way}: IPOPT says {point.message!r} after {point.iterations} iterations; "
+        f"{attempt.way}: IPOPT reports {point.message!r} after {point.iterations} iterations; "
         f"largest defect {residual[worst]:.2g} in {nlp.describe_constraint(worst)}"
     )
     return Failed(SolveStatus.OPTIMIZER_FAILED, message, _nothing(run))

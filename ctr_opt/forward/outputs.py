@@ -1,4 +1,4 @@
-"""What derivatives can be taken of, by name: attributes and methods of an equilibrium."""
+"""The outputs that can be differentiated, by name: attributes and methods of an equilibrium."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _METHODS = {
 
 
 def output(of: Any, configuration: Configuration) -> Observable:
-    """The observable that a name, or a tuple of a method's name and its arguments, stands for."""
+    """The observable for a name, or for a tuple of a method's name and its arguments."""
     parts = (of,) if isinstance(of, str) else of
     if not isinstance(parts, tuple) or not parts or not isinstance(parts[0], str):
         raise _unknown(of)
@@ -32,24 +32,24 @@ def output(of: Any, configuration: Configuration) -> Observable:
     names = ("s", "tube") if name == "pose" and len(arguments) == 2 else _METHODS.get(name, ())
     if not arguments or len(arguments) != len(names):
         raise _unknown(of)
-    given = dict(zip(names, arguments, strict=True))
-    tube = given.get("tube")
+    by_name = dict(zip(names, arguments, strict=True))
+    tube = by_name.get("tube")
     if tube is not None or "tube" in _METHODS[name]:
         tube = index(tube, "tube", configuration.tube_count)
-    place = place_of(given["s"], tube, configuration) if "s" in given else None
+    place = place_of(by_name["s"], tube, configuration) if "s" in by_name else None
     return Observable(name, place, tube)
 
 
 def _unknown(of: Any) -> DefinitionError:
     calls = [f"({', '.join((repr(name), *names))})" for name, names in _METHODS.items()]
     return DefinitionError(
-        f"of = {of!r} is no output; there are {', '.join(map(repr, _ATTRIBUTES))}, {', '.join(calls)}, "
+        f"of = {of!r} is not an output; allowed are {', '.join(map(repr, _ATTRIBUTES))}, {', '.join(calls)}, "
         "('pose', s, tube)"
     )
 
 
 def place_of(s: Any, tube: int | None, configuration: Configuration, field: str = "s") -> float:
-    """An arc length on the robot or on a tube, exactly at a tube's end where it is that except for rounding."""
+    """A checked arc length on the robot or a tube, moved exactly to a tube's end if it differs by rounding only."""
     ends = configuration.ends
     return float(ends.snap(number(s, field, least=0.0, most=ends.of(tube) + ends.slack, unit="m")))
 

@@ -1,4 +1,4 @@
-"""What a solve leaves: the moments at the base, how it went, and the shape."""
+"""Records of solves: the moments at the base, the outcome, and the shape."""
 
 from __future__ import annotations
 
@@ -20,11 +20,25 @@ from .attempt import Attempt, path_of
 
 @attrs.frozen(eq=False)
 class BaseMoments:
-    """The unknowns of a shooting problem: what the robot exerts on the entry point.
+    """The unknowns of a shooting problem: moments (and force) that the robot exerts on the entry point.
 
-    ``bending (2,)``, N m: total bending moment at ``s = 0`` in the backbone frame; ``torsional (tubes,)``, N m: each
-    tube's torsional moment at its base; ``force (3,)``, N: what loads that depend on the shape add to the internal
-    force ``n(0)`` of the dead ones, zero without such loads.
+    Attributes
+    ----------
+    bending
+        ``(2,)``, N m: total bending moment at ``s = 0`` in the backbone frame.
+    torsional
+        ``(tubes,)``, N m: each tube's torsional moment at its base.
+    force
+        ``(3,)``, N: the part of the internal force ``n(0)`` that is due to loads that depend on the shape; zero without
+        such loads.
+
+    Examples
+    --------
+    >>> import ctr_opt as ctr
+    >>> tube = ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)
+    >>> shape = ctr.ForwardProblem(ctr.Robot([tube])).solve(ctr.Actuation([0.0], [0.0]))
+    >>> shape.last_iterate.vector.shape
+    (3,)
     """
 
     bending: Array
@@ -33,12 +47,12 @@ class BaseMoments:
 
     @property
     def vector(self) -> Array:
-        """The moments as one vector, N m."""
+        """The moments as one vector ``(2 + tubes,)``, N m."""
         return np.concatenate((self.bending, self.torsional))
 
     @classmethod
     def of(cls, unknowns: Array, scales: Scales, tubes: int) -> BaseMoments:
-        """From dimensionless unknowns, with or without a force."""
+        """Moments and force from dimensionless unknowns, with or without a force."""
         values = np.zeros(5 + tubes)
         values[: len(unknowns)] = unknowns * scales.unknowns(tubes, len(unknowns) > 2 + tubes)
         values.setflags(write=False)
@@ -46,30 +60,30 @@ class BaseMoments:
 
     @classmethod
     def checked(cls, bending: Any, torsional: Any, tubes: int) -> BaseMoments:
-        """From what a user gives; no torsional moments are zero."""
+        """Moments from user input, checked; ``torsional=None`` means zero."""
         return cls(
             array(bending, "bending", (2,), unit="N m"),
             array(np.zeros(tubes) if torsional is None else torsional, "torsional", (tubes,), unit="N m"),
         )
 
     def unknowns(self, scales: Scales, live: bool) -> Array:
-        """As dimensionless unknowns, with a force where loads are ``live``."""
+        """The dimensionless unknowns, including the force if loads are ``live``."""
         moments = np.concatenate((self.bending, self.torsional)) / scales.moment
         return np.concatenate((moments, self.force / scales.force)) if live else moments
 
 
 @attrs.frozen(eq=False)
 class Outcome:
-    """How a solve went.
+    """The outcome of a solve, with its diagnostics.
 
     Attributes
     ----------
     status, attempts, message
-        How it ended, what was tried, and what went wrong.
+        How the solve ended, what was tried, and what went wrong.
     reached
-        How far the last continuation came: 1 at the end.
+        How far the last continuation got: 1 at the end.
     setup_time, solve_time
-        Seconds.
+        Time in seconds.
     residual_norm
         Largest entry of the scaled boundary residual.
     discretization_error
@@ -88,12 +102,12 @@ class Outcome:
 
     @property
     def path(self) -> str:
-        """The attempts in words."""
+        """The attempts as text."""
         return path_of(self.attempts)
 
     @property
     def iterations(self) -> int:
-        """Newton and IPOPT iterations together."""
+        """Total number of Newton and IPOPT iterations."""
         return sum(attempt.iterations for attempt in self.attempts)
 
 
@@ -101,9 +115,8 @@ class Outcome:
 class SolvedRecord:
     """The record of a solve in CasADi's virtual machine, or of a failure or a guess, which have no shape.
 
-    An :class:`~ctr_opt.Equilibrium` is made of one, or of a ``CompiledRecord`` with the same members. What is at hand
-    without an evaluation of the shape is None here: the tip's position and pose, and whether it is known that
-    derivatives there have sides.
+    An :class:`~ctr_opt.Equilibrium` holds one, or a ``CompiledRecord`` with the same members. Some members are provided
+    only by compiled code, without evaluating the shape: the tip's position and pose, and ``one_sided``.
     """
 
     configuration: Configuration
@@ -127,12 +140,12 @@ class SolvedRecord:
 
     @property
     def actuation(self) -> Actuation:
-        """Its actuation."""
+        """The actuation."""
         return self.configuration.actuation
 
     @property
     def loads(self) -> tuple[Load, ...]:
-        """The loads on it."""
+        """The loads on the robot."""
         return self.configuration.loads
 
     @property
@@ -147,16 +160,16 @@ class SolvedRecord:
 
     @property
     def unknowns(self) -> Array:
-        """Moments, N m, and force, N, at the base in the order of the equations."""
+        """Moments (N m) and force (N) at the base in the order of the equations."""
         base, live = self.base, self.configuration.kind.live
         return np.concatenate((base.bending, base.torsional, base.force if live else []))
 
     @property
     def second_variation(self) -> SecondVariation | None:
-        """Of the potential energy; None where there is none, or no shape."""
+        """The second variation of the potential energy; None without a potential or a shape."""
         return None if self.shape is None else self.shape.second_variation
 
     def tip_rates(self, tube: int | None = None) -> tuple[Array, Array] | None:
-        """Derivatives of the tip's pose by actuation and by a wrench, where they take no derivation."""
+        """Derivatives of the tip's pose by actuation and by a wrench, if known without computation; here None."""
         del tube
         return None

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def equilibrium_report(equilibrium: Equilibrium) -> str:
-    """What was solved, how, how well, and what came out."""
+    """The report of an equilibrium: what was solved, by which methods, how accurately, and the results."""
     lines = _heading(equilibrium)
     if equilibrium.converged:
         lines += _quality(equilibrium) + _shape(equilibrium) + _tubes(equilibrium) + _energies(equilibrium)
@@ -23,7 +23,7 @@ def equilibrium_report(equilibrium: Equilibrium) -> str:
 
 
 def robot_report(robot: Robot) -> str:
-    """The tubes of a robot, from the inner to the outer."""
+    """The report of a robot: its tubes from the innermost to the outermost."""
     lines = [
         f"Robot of {_count(len(robot.tubes), 'tube')}",
         "  tube              outer, inner diameter [mm]   length [mm]   EI [N m^2]   GJ [N m^2]   precurvature",
@@ -60,7 +60,7 @@ def _quality(equilibrium: Equilibrium) -> list[str]:
 def _stability(equilibrium: Equilibrium) -> str:
     negative, reason = equilibrium.unstable_directions, equilibrium.configuration.without_potential
     if negative is None:
-        return f"not defined: {reason}" if reason else "not known: the steps are too coarse to tell"
+        return f"not defined: {reason}" if reason else "unknown: the steps are too coarse to decide"
     if negative:
         return f"no: {_count(negative, 'direction')} in which the potential energy falls"
     return "yes" if equilibrium.is_stable else "neutral: a fold, or one of a family of equilibria"
@@ -96,17 +96,17 @@ def _energies(equilibrium: Equilibrium) -> list[str]:
         row("elastic energy", f"{1e3 * equilibrium.energy:.6f} mJ"),
         row(
             "work of the loads",
-            f"{1e3 * equilibrium.load_work:.6f} mJ (those with a potential; forces from the world's origin on)",
+            f"{1e3 * equilibrium.load_work:.6f} mJ (loads with a potential; forces measured from the world's origin)",
         ),
         row("potential energy", f"{1e3 * equilibrium.potential_energy:.6f} mJ"),
     ]
     if equilibrium.configuration.without_potential:
-        lines.append("  Some loads have no potential: neither work nor potential energy accounts for them.")
+        lines.append("  Some loads have no potential; work and potential energy leave them out.")
     return lines
 
 
 def row(name: str, value: str) -> str:
-    """A line of a report: what is said, and of what."""
+    """A line of a report: a name and its value."""
     return f"  {name:<21} {value}"
 
 

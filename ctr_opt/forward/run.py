@@ -1,4 +1,4 @@
-"""One solve: the steps by shooting that the ways consist of, and what is remembered of them."""
+"""One solve: the shooting steps of which the ways consist, and a record of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..checks import Array
 from ..layout.configuration import Configuration
 from ..solvers.accuracy import NEARBY, Estimate, Refinement, estimate_error
 from ..solvers.homotopy import Trace, trace
-from ..solvers.newton import Newton, Solution, System, newton
+from ..solvers.newton import Newton, NewtonResult, System, newton
 from ..solvers.status import SolveStatus
 from ..transcription.shape import Shape
 from ..transcription.shooting import NodeStates, Shooting
@@ -33,21 +33,21 @@ class Reached:
     """A solution of the boundary-value problem."""
 
     shooting: Shooting
-    solution: Solution
+    solution: NewtonResult
 
 
 @attrs.frozen(eq=False)
 class Measured(Reached):
-    """One whose error is estimated."""
+    """A solution with an error estimate."""
 
     nodes: NodeStates
     estimate: Estimate
 
 
 class Run:
-    """One solve of a configuration, from another equilibrium (or a guess) or from nothing.
+    """One solve of a configuration, from another equilibrium, a guess, or a cold start.
 
-    ``last``: the equilibrium at which a path ended; ``unstable``: the last one that was not accepted.
+    ``last`` is the equilibrium at which a path ended; ``unstable`` is the last equilibrium that was rejected.
     """
 
     def __init__(self, settings: Settings, configuration: Configuration, initial: Record | None = None) -> None:
@@ -65,25 +65,25 @@ class Run:
         return self.setup(lambda: self.shooting_of(self.configuration))
 
     def shooting_of(self, configuration: Configuration) -> Shooting:
-        """The same of another configuration, like the one without some loads."""
+        """The shooting problem of another configuration, for example without some loads."""
         return Shooting(configuration, configuration.mesh(), self.settings.integrator)
 
     def setup(self, build: Callable[[], _T]) -> _T:
-        """What ``build`` returns; its time counts as set-up."""
+        """Call ``build`` and count its time as set-up."""
         begin = perf_counter()
         built = build()
         self.setup_time += perf_counter() - begin
         return built
 
     def attempt(self, way: str) -> Attempt:
-        """A new attempt."""
+        """Begin and record a new attempt."""
         self.attempts.append(Attempt(way))
         return self.attempts[-1]
 
     # -- steps -----------------------------------------------------------------------------------------------------
 
     def newton(self, shooting: Shooting, z: Array, method: Newton, way: str) -> Reached:
-        """Newton's method from ``z``."""
+        """Run Newton's method from ``z``; raises ``Failed``."""
         attempt = self.attempt(way)
         solution = newton(shooting, z, self.settings.residual_tolerance, method)
         attempt.iterations = solution.iterations
@@ -94,7 +94,7 @@ class Run:
         return Reached(shooting, solution)
 
     def trace(self, at: Callable[[float], System], z: Array, way: str, follow: Callable[..., Trace] = trace) -> Reached:
-        """The end of a path of systems that begins at ``z``."""
+        """Follow a path of systems from ``z`` to its end; raises ``Failed``."""
         attempt, method = self.attempt(way), self.settings.homotopy
         path = follow(at, z, self.settings.residual_tolerance, method)
         attempt.iterations, attempt.reached, attempt.folds = path.iterations, path.reached, path.folds
@@ -108,12 +108,12 @@ class Run:
         return Reached(self.shooting, path.solution)
 
     def refined(self, reached: Reached) -> Measured:
-        """The same solution, its steps cut until the estimated error meets the tolerance."""
+        """Refine a solution: cut its steps until the estimated error meets the tolerance."""
         if isinstance(reached, Measured):
             return reached
         tolerance = self.settings.residual_tolerance
 
-        def measured(shooting: Shooting, solution: Solution) -> Measured:
+        def measured(shooting: Shooting, solution: NewtonResult) -> Measured:
             nodes, _ = shooting.sweep(solution.z)
             return Measured(shooting, solution, nodes, estimate_error(shooting, solution, nodes, tolerance))
 
@@ -127,7 +127,7 @@ class Run:
         return self.accurate(measured(reached.shooting, reached.solution), finer)
 
     def accurate(self, first: Measured, finer: Callable[[Measured, NDArray[np.intp]], Measured | None]) -> Measured:
-        """A solution whose estimated error meets the tolerance: ``finer`` solves with steps cut, or gives up."""
+        """Refine by ``finer``, which solves with cut steps or gives up, until the tolerance is met."""
         refinement, best = Refinement(self.settings.tolerance), first
         while not best.estimate.error <= self.settings.tolerance:
             parts = refinement.next(best.estimate)
@@ -144,11 +144,11 @@ class Run:
     # -- results ---------------------------------------------------------------------------------------------------
 
     def base(self, z: Array) -> BaseMoments:
-        """Unknowns as moments and force at the base."""
+        """The unknowns as moments and force at the base."""
         return BaseMoments.of(z, self.configuration.scales, self.configuration.tube_count)
 
     def record(self, reached: Measured) -> SolvedRecord:
-        """An accurate solution as the result."""
+        """The record of an accurate solution."""
         solution = reached.solution
         outcome = Outcome(
             SolveStatus.CONVERGED,
@@ -161,7 +161,7 @@ class Run:
         return SolvedRecord(self.configuration, self.base(solution.z), outcome, shape)
 
     def failure(self, failure: Failed) -> SolvedRecord:
-        """A failure as the result."""
+        """The record of a failure."""
         outcome = Outcome(failure.status, tuple(self.attempts), reached=failure.reached)
         wanted = "stable equilibrium" if failure.status is SolveStatus.UNSTABLE else "equilibrium"
         message = f"no {wanted} found ({outcome.path}). {failure.message}. What to do: {failure.status.advice}"

@@ -1,8 +1,8 @@
 """Derivatives of a solved equilibrium by the implicit-function theorem: exact, from CasADi, in its virtual machine.
 
-The equilibrium satisfies ``r(z, theta) = 0``, so that an output ``o(z, theta)`` has the derivative
-``o_theta - o_z r_z^-1 r_theta``. Its second derivatives are those of ``o - lambda . r`` with ``lambda = o_z r_z^-1``
-along the solutions.
+The equilibrium satisfies ``r(z, theta) = 0``, so an output ``o(z, theta)`` has the derivative
+``o_theta - o_z r_z^-1 r_theta``. Its second derivatives along the solutions are those of ``o - lambda . r`` with
+``lambda = o_z r_z^-1``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .outputs import from_left
 
 @attrs.frozen(eq=False)
 class Solved:
-    """An equilibrium in numbers: its configuration, dimensionless unknowns, mesh, and integrator."""
+    """An equilibrium in numbers: configuration, dimensionless unknowns, mesh and integrator."""
 
     configuration: Configuration
     z: Array
@@ -37,23 +37,23 @@ class Solved:
 
     @property
     def steps(self) -> int:
-        """The most steps that the solution needed in any section between break points."""
+        """The largest number of steps in any section between break points."""
         sections = np.searchsorted(self.configuration.break_points, self.mesh[:, 0], side="right")
         return int(np.bincount(sections).max())
 
     @property
     def shooting(self) -> Shooting:
-        """The boundary-value problem that it solves."""
+        """The boundary-value problem that the equilibrium solves."""
         return Shooting(self.configuration, self.mesh, self.integrator)
 
     def under(self, configuration: Configuration) -> Solved:
-        """The same numbers as an equilibrium of a configuration that differs by loads of nothing."""
+        """The equilibrium as one of a configuration that differs only by loads of zero."""
         return attrs.evolve(self, configuration=configuration)
 
 
 @attrs.frozen(eq=False)
 class Derivatives:
-    """An output's value; derivatives of it and of the dimensionless unknowns by the parameters; its second ones."""
+    """The value of an output, its first and second derivatives, and the first derivatives of the unknowns."""
 
     value: Array
     first: Array
@@ -72,7 +72,7 @@ def derivatives(
 ) -> Derivatives:
     """Derivatives of an output by the chosen parameters, from their ``side``.
 
-    Its value, where that has sides itself, is the one from the side of the parameter ``at``.
+    If the value itself is one-sided, it is taken from the side of the parameter ``at``.
     """
     problem = _problem(solved, chosen, wanted)
     count = len(problem.nominal)
@@ -82,22 +82,22 @@ def derivatives(
         groups.setdefault((problem.keys(k, sign), _carrier(problem, wanted, k, sign)), []).append(k)
     if order == 2 and len(groups) > 1:
         raise DefinitionError(
-            "order = 2: break points coincide and a parameter moves them apart; the first derivatives jump there, "
-            "so that there are no second ones"
+            "order = 2: break points coincide and a parameter moves them apart; the first derivatives jump there and "
+            "second derivatives do not exist: move an actuation or a load by a small amount"
         )
     regions = [
-        (_Region(solved, problem, attrs.evolve(wanted, frame=tube), keys, order), those)
-        for (keys, tube), those in groups.items()
+        (_Region(solved, problem, attrs.evolve(wanted, frame=tube), keys, order), columns)
+        for (keys, tube), columns in groups.items()
     ]
     value = regions[0][0]
     first, unknowns = np.full((len(value.first), count), np.nan), np.full((len(solved.z), count), np.nan)
-    for region, those in regions:
-        first[:, those], unknowns[:, those] = region.first[:, those], region.unknowns[:, those]
+    for region, columns in regions:
+        first[:, columns], unknowns[:, columns] = region.first[:, columns], region.unknowns[:, columns]
     return Derivatives(value.value, first, unknowns, value.second)
 
 
 def kinked(solved: Solved, chosen: Sequence[Parameter]) -> list[int]:
-    """The numbers among the chosen parameters that move coinciding break points apart and may do so either way."""
+    """Indices of the chosen parameters that can move coinciding break points apart in both directions."""
     problem = _problem(solved, chosen, Observable("pose"))
     return [k for k in range(len(problem.nominal)) if problem.kinked(k) and _sign(problem, k, 1) > 0.0]
 
@@ -110,21 +110,21 @@ def _problem(solved: Solved, chosen: Sequence[Parameter], wanted: Observable) ->
 
 
 def _carrier(problem: ParametricProblem, wanted: Observable, column: int, sign: float) -> int | None:
-    """The tube whose frame a pose is, where a parameter grows (``sign = 1``) or shrinks a little."""
+    """The tube whose frame is the pose when a parameter grows (``sign = 1``) or shrinks a little."""
     if wanted.name != "pose" or wanted.tube is not None:
         return wanted.tube
     return problem.innermost(wanted.place if isinstance(wanted.place, float) else None, column, sign)
 
 
 def _sign(problem: ParametricProblem, column: int, side: int) -> float:
-    """The side from which a derivative is taken: a base that stands at the entry can only be drawn back."""
+    """The side from which a derivative is taken; a base at the entry point can only be drawn back."""
     part = problem.parts.get("translations")
     at_bound = part is not None and part.start <= column < part.stop and problem.nominal[column] >= 0.0
     return -1.0 if at_bound else float(side)
 
 
 class _Region:
-    """Derivatives where the break points stand in one order."""
+    """Derivatives for one order of the break points."""
 
     def __init__(
         self, solved: Solved, problem: ParametricProblem, wanted: Observable, keys: tuple[Any, ...], order: int
@@ -159,11 +159,11 @@ class _Region:
 
 
 def _inverse(jacobian: Array) -> Array:
-    """``r_z^-1``, or an error where the equilibrium is singular."""
+    """The inverse ``r_z^-1``; raises ``SolveError`` if the equilibrium is singular."""
     values = np.linalg.svd(jacobian, compute_uv=False)
     if values[-1] <= NEGLIGIBLE:
         raise SolveError(
             f"the equilibrium is singular (smallest singular value {values[-1]:.2g} of the shooting Jacobian): "
-            "it stands at a fold or belongs to a family, and has no derivatives"
+            "it is at a fold or belongs to a family of equilibria, and has no derivatives"
         )
     return np.asarray(np.linalg.inv(jacobian))

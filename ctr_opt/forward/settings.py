@@ -34,7 +34,7 @@ class Settings:
     def of(
         cls, formulation: Any, method: Any, tolerance: Any, integrator: Any, transcription: Transcription | None
     ) -> Settings:
-        """The arguments of a :class:`~ctr_opt.ForwardProblem`, checked."""
+        """Settings from the arguments of a :class:`~ctr_opt.ForwardProblem`, checked."""
         if not isinstance(transcription, (Collocation, MultipleShooting, type(None))):
             raise DefinitionError(f"transcription = {transcription!r} must be a Collocation or a MultipleShooting")
         return cls(
@@ -46,32 +46,32 @@ class Settings:
 
     @property
     def residual_tolerance(self) -> float:
-        """Of the scaled boundary residual: far below what the position tolerance needs."""
+        """Tolerance of the scaled boundary residual, far below what the position tolerance needs."""
         return min(1e-9, max(1e-12, 1e-4 * self.tolerance))
 
     @property
     def compiled_residual(self) -> float:
-        """The same for compiled solves, which count what is left in their error: at most a tenth of the tolerance."""
+        """Tolerance of the residual in compiled solves, which include the rest in their error estimate."""
         return min(1e-8, max(1e-12, 0.1 * self.tolerance))
 
     @property
     def ipopt(self) -> Ipopt:
-        """The method, where IPOPT is at work."""
+        """The options of IPOPT, chosen or default."""
         return self.method if isinstance(self.method, Ipopt) else Ipopt()
 
     @property
     def homotopy(self) -> Homotopy:
-        """The method, where a homotopy is at work."""
+        """The options of the homotopy, chosen or default."""
         return self.method if isinstance(self.method, Homotopy) else Homotopy()
 
     @property
     def compilable(self) -> bool:
-        """Whether the compiled solver does what these settings say."""
+        """Whether the compiled solver supports these settings."""
         return self.formulation != "energy" and self.integrator == "RK8" and self.method == Homotopy()
 
 
 def _method(formulation: Any, method: Any, transcription: Transcription | None) -> tuple[str, Method]:
-    """Formulation and method, each given or following from the other."""
+    """Formulation and method; a missing one follows from the other."""
     allowed = _METHODS[choice(formulation, "formulation", tuple(_METHODS))]
     if isinstance(method, str):
         method = _NAMES[choice(method, "method", tuple(_NAMES))]()
@@ -86,6 +86,7 @@ def _method(formulation: Any, method: Any, transcription: Transcription | None) 
         raise DefinitionError(f"method = {method!r} must be {names} with formulation = {formulation!r}")
     if formulation == "equilibrium" and transcription is not None and not isinstance(method, Ipopt):
         raise DefinitionError(
-            f"transcription = {transcription!r} needs method = Ipopt(...): {type(method).__name__} shoots"
+            f"transcription = {transcription!r} requires method = Ipopt(...), but method is {type(method).__name__}, "
+            "which shoots: leave out one of them"
         )
     return formulation, method

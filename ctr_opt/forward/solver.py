@@ -1,4 +1,4 @@
-"""Solves of one robot: by compiled code where it knows the loads, otherwise by the ways of ``ways.py``."""
+"""Solves of one robot: by compiled code if it supports the loads, otherwise by the ways of ``ways.py``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .ways import solve_configuration
 
 
 class ForwardSolver:
-    """The solver of a robot with some settings; ``compiled`` as in :class:`~ctr_opt.ForwardProblem`."""
+    """The solver of one robot with its settings; ``compiled`` as in :class:`~ctr_opt.ForwardProblem`."""
 
     def __init__(self, robot: Robot, settings: Settings, compiled: bool | None) -> None:
         self.robot = robot
@@ -29,7 +29,7 @@ class ForwardSolver:
         self._compiled: dict[Kind, CompiledProblem] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_compiled": {}}  # libraries are of this process
+        return self.__dict__ | {"_compiled": {}}  # libraries belong to this process
 
     def compile(self) -> None:
         """Compile the solver for this number of tubes if it is not cached; raises ``CompilationError``."""
@@ -37,7 +37,7 @@ class ForwardSolver:
         self._requested = True
 
     def compiled_for(self, loads: Iterable[Load]) -> CompiledProblem | None:
-        """The compiled solver for such loads; None where there is none, or it is not wanted."""
+        """The compiled solver for these loads; None if it is not available or not wanted."""
         if not self._compilable:
             return None
         kind = kind_of(loads)
@@ -63,7 +63,7 @@ class ForwardSolver:
     def solve(
         self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium | None = None, throw: bool = False
     ) -> Equilibrium:
-        """An equilibrium, from another one or from nothing; a failed result raises where it is to be thrown."""
+        """Solve from another equilibrium or from a cold start; with ``throw``, failure raises ``SolveError``."""
         start = None if initial is None else started(initial, self.robot)
         fast = self.compiled_for(loads)
         if fast is not None and isinstance(actuation, Actuation) and len(actuation.rotations) == len(self.robot.tubes):
@@ -76,7 +76,7 @@ class ForwardSolver:
         return result
 
     def neighbour(self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium) -> Equilibrium | None:
-        """The equilibrium next to ``initial`` on the same branch, or None where that is in doubt."""
+        """The equilibrium next to ``initial`` on the same branch, or None if that is in doubt."""
         fast = self.compiled_for(loads)
         if fast is not None and fast.knows(loads):
             record = fast.solve(actuation, loads, initial.record)
@@ -96,11 +96,11 @@ def as_loads(loads: Any) -> tuple[Load, ...]:
 
 
 def started(initial: Any, robot: Robot) -> Record:
-    """The record to start from; raises ``DefinitionError`` unless it is of a robot with this number of tubes."""
+    """The record to start from; raises ``DefinitionError`` unless its robot has this number of tubes."""
     if not isinstance(initial, Equilibrium):
         raise DefinitionError(f"initial = {initial!r} must be an Equilibrium")
     record = initial.record
     if record.robot is not robot and len(record.robot.tubes) != len(robot.tubes):
         tubes = len(record.robot.tubes)
-        raise DefinitionError(f"initial is of a robot with {tubes} tubes, but this one has {len(robot.tubes)}")
+        raise DefinitionError(f"initial belongs to a robot with {tubes} tubes, but this one has {len(robot.tubes)}")
     return record

@@ -1,4 +1,4 @@
-"""What an equilibrium is asked for along the arc length: values read from the states of its shape."""
+"""Values of an equilibrium along the arc length, read from the states of its shape."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..errors import DefinitionError
 from ..layout.configuration import Configuration
 from ..transcription.shape import Shape, Values
 
-_DISPLAY_STEPS = 100  # a grid to draw or save a shape at has at least so many steps
+_DISPLAY_STEPS = 100  # least number of steps of a grid to draw or save a shape
 
 
 def read(shape: Shape, s: Any, of: Callable[[Values], Array], tube: int | None = None) -> Any:
-    """``of`` the values at ``s``, within the robot or within a tube: one value, or a leading axis for ``s (k,)``."""
+    """Evaluate ``of`` at ``s``, within the robot or a tube: one value, or a leading axis for ``s (k,)``."""
     try:
         points = np.asarray(s, dtype=np.float64)
     except (TypeError, ValueError):
@@ -26,13 +26,13 @@ def read(shape: Shape, s: Any, of: Callable[[Values], Array], tube: int | None =
         raise DefinitionError(f"s has shape {points.shape}, but must be a number or one-dimensional")
     if points.size == 0:
         return read(shape, np.zeros(1), of, tube)[:0]
-    own, flat = shape.configuration, np.atleast_1d(points)
+    configuration, flat = shape.configuration, np.atleast_1d(points)
     if tube is None:
-        values = shape.at(shape.inside(flat, own.length, "the robot"))
+        values = shape.at(shape.inside(flat, configuration.length, "the robot"))
     else:
-        end = float(own.tube_ends[tube])
-        flat = shape.inside(flat, end, f"tube {tube} ({own.robot.tubes[tube].name!r})")
-        values = shape.at(flat, from_left=flat >= shape.inside(np.array([end]), own.length, "the robot"))
+        end = float(configuration.tube_ends[tube])
+        flat = shape.inside(flat, end, f"tube {tube} ({configuration.robot.tubes[tube].name!r})")
+        values = shape.at(flat, from_left=flat >= shape.inside(np.array([end]), configuration.length, "the robot"))
     result = np.asarray(of(values))
     if points.ndim == 0:
         return float(result[0]) if result.ndim == 1 else result[0]
@@ -40,12 +40,12 @@ def read(shape: Shape, s: Any, of: Callable[[Values], Array], tube: int | None =
 
 
 def vectors(shape: Shape, s: Any, of: Callable[[Values], Array]) -> Array:
-    """Vectors of the whole robot."""
+    """Evaluate a vector of the whole robot at ``s``."""
     return np.asarray(read(shape, s, of))
 
 
 def of_tube(shape: Shape, tube: int, s: Any, of: Callable[[Values, int], Array]) -> Any:
-    """Values of a tube, within it."""
+    """Evaluate a quantity of one tube at ``s``, within that tube."""
     i = index(tube, "tube", shape.configuration.tube_count)
     return read(shape, s, lambda at: of(at, i), i)
 
@@ -65,14 +65,14 @@ def poses(shape: Shape, s: Any, tube: int | None) -> Array:
 
 
 def moments(at: Values) -> Array:
-    """``m (k, 3)``, world frame."""
-    own = np.vstack((at.state.bending, at.state.torsion.sum(axis=0)))
-    frames = _rotations(at.state.orientation, np.zeros(own.shape[1]))
-    return np.asarray(np.einsum("kij,jk->ki", frames, own))
+    """Internal moments ``m (k, 3)`` in the world frame."""
+    in_backbone_frame = np.vstack((at.state.bending, at.state.torsion.sum(axis=0)))
+    frames = _rotations(at.state.orientation, np.zeros(in_backbone_frame.shape[1]))
+    return np.asarray(np.einsum("kij,jk->ki", frames, in_backbone_frame))
 
 
 def grid(configuration: Configuration) -> Array:
-    """Arc lengths to draw or save a shape at, not to be written to: every break point, and steps between them."""
+    """Read-only arc lengths at which to draw or save a shape: every break point, and steps between them."""
     spacing, parts = configuration.length / _DISPLAY_STEPS, []
     for a, b in pairwise(configuration.break_points):
         parts.append(np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False))
@@ -82,7 +82,7 @@ def grid(configuration: Configuration) -> Array:
 
 
 def _rotations(quaternions: Array, angles: Array) -> Array:
-    """``R(q) Rz(angle)``, ``(k, 3, 3)``, from quaternions ``(4, k)``."""
+    """Rotations ``R(q) Rz(angle)``, ``(k, 3, 3)``, from quaternions ``(4, k)``."""
     from scipy.spatial.transform import Rotation
 
     turns = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0]))

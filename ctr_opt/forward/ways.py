@@ -1,9 +1,9 @@
-"""The ways to an equilibrium, as data: what each does and when it is tried, in the order of trying.
+"""The ways to an equilibrium, as data: what each way does and when it is tried, in the order of trying.
 
 A way either reaches a solution of the boundary-value problem or fails with a reason; :func:`first_of` takes the first
-that succeeds. A path of equilibria that begins at the stable straight robot need not stay stable: steps may jump to
-another branch or over two folds, and what goes around folds changes its stability there. So the answer of a cold start
-is refused where it is known to be unstable, and the next way is tried.
+that succeeds. A path of equilibria that begins at the stable straight robot need not stay stable. Steps may jump to
+another branch or over two folds, and a path around folds changes its stability there. So a cold start's answer is
+rejected if it is known to be unstable, and the next way is tried.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from .run import Reached, Run
 from .settings import Settings
 
 _WHOLE, _UNLOADED, _STRAIGHT = (1.0, 1.0, 1.0), (0.0, 0.0, 1.0), (1.0, 1.0, 0.0)
-_NEAR = 0.1  # of the way: where paths end sooner the loads are absurd, and ways around folds too long
+_NEAR = 0.1  # of the way: if all paths end sooner, the loads are absurd and ways around folds too long
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
 
 @attrs.frozen
 class Way:
-    """A named way: ``go`` reaches a solution or raises ``Failed``; ``when`` it is tried, by the failures so far."""
+    """A named way: ``go`` reaches a solution or raises ``Failed``; ``when`` decides by the failures so far."""
 
     name: str
     go: Callable[[Run], Reached]
@@ -51,7 +51,7 @@ class Way:
 
 
 def solve_configuration(settings: Settings, configuration: Configuration, initial: Record | None) -> Equilibrium:
-    """The equilibrium, or the record of the failure."""
+    """Try all ways; returns the equilibrium or the record of the failure."""
     begin, run = perf_counter(), Run(settings, configuration, initial)
     last = None
     try:
@@ -65,7 +65,7 @@ def solve_configuration(settings: Settings, configuration: Configuration, initia
 
 
 def _ways(run: Run) -> Sequence[Way]:
-    """The ways that formulation and method ask for."""
+    """The ways for the formulation and method of a run."""
     method = run.settings.method
     if run.settings.formulation == "energy":
         return ENERGY
@@ -77,7 +77,7 @@ def _ways(run: Run) -> Sequence[Way]:
 
 
 def first_of(ways: Sequence[Way], run: Run, finish: Callable[[Run, Reached], _T]) -> _T:
-    """The answer of the first way that has one, finished."""
+    """The finished answer of the first way that succeeds; raises ``Failed`` with all reasons."""
     failures: list[Failed] = []
     for way in ways:
         if not way.when(run, failures):
@@ -87,13 +87,13 @@ def first_of(ways: Sequence[Way], run: Run, finish: Callable[[Run, Reached], _T]
             return finish(run, way.go(run))
         except Failed as failure:
             failures.append(failure)
-            if failure.status is SolveStatus.INACCURATE:  # there is an equilibrium: no other way leads nearer
+            if failure.status is SolveStatus.INACCURATE:  # there is an equilibrium: no other way gets nearer
                 break
     raise Failed.joined(failures)
 
 
 def _accepted(run: Run, reached: Reached) -> SolvedRecord:
-    """A solution as an accurate record, unless it is known to be unstable and there are other ways to go."""
+    """The accurate record of a solution; rejects a solution known to be unstable if other ways remain."""
     record = run.record(run.refined(reached))
     if run.settings.formulation != "automatic" or run.initial is not None:
         return record
@@ -107,17 +107,17 @@ def _accepted(run: Run, reached: Reached) -> SolvedRecord:
     raise Failed(SolveStatus.UNSTABLE, f"{message} ({attempt.outcome})", z, reached=1.0)
 
 
-# -- from nothing, by shooting -----------------------------------------------------------------------------------------
+# -- cold starts, by shooting ------------------------------------------------------------------------------------------
 
 
 Factors: TypeAlias = tuple[float, float, float]
-"""Of the loads with a potential, of the other loads, and of the precurvature."""
+"""Factors of the loads with a potential, of the other loads, and of the precurvature."""
 
 
 def _grown(
     run: Run, z: Array, begin: Factors, end: Factors, way: str, follow: Callable[..., Trace] = trace, flaw: bool = False
 ) -> Reached:
-    """The path along which the factors grow, of a perfect robot or of one with a flaw that fades."""
+    """Follow the path along which the factors grow, for a perfect robot or one with a fading flaw."""
 
     def at(x: float) -> System:
         return run.shooting.scaled(*(a + x * (b - a) for a, b in zip(begin, end, strict=True)))
@@ -126,7 +126,7 @@ def _grown(
 
 
 def _homotopy(*legs: tuple[str, Factors], **options: Any) -> Callable[[Run], Reached]:
-    """Paths from the straight, unloaded robot, one behind the other: the name of each, and the factors at its end."""
+    """Successive paths from the straight, unloaded robot, each given by its name and the factors at its end."""
 
     def go(run: Run) -> Reached:
         z, begin = np.zeros(run.shooting.unknowns), (0.0, 0.0, 0.0)
@@ -151,20 +151,20 @@ def _by_newton(run: Run) -> Reached:
     return run.newton(run.shooting, np.zeros(run.shooting.unknowns), method, "newton")
 
 
-# -- from nothing, through a minimum of the energy ---------------------------------------------------------------------
+# -- cold starts, through a minimum of the energy ----------------------------------------------------------------------
 
 
 def _by_energy(run: Run) -> Reached:
-    """A minimum of the energy, polished by Newton's method or, where that fails, in its own discretization."""
-    energy, found = minimum(run, run.configuration, run.configuration.mesh(), None)
+    """Minimize the energy, then polish by Newton's method or, if that fails, in the same discretization."""
+    energy, stationary = minimum(run, run.configuration, run.configuration.mesh(), None)
     try:
-        return run.refined(polished(run, energy, found))
+        return run.refined(polished(run, energy, stationary))
     except Failed:
-        return discretized(run, lowest, shape_of_minimum(run, energy, found))
+        return discretized(run, lowest, shape_of_minimum(run, energy, stationary))
 
 
 def _other_loads_last(run: Run) -> Reached:
-    """A minimum of the energy under the loads with a potential, then the others."""
+    """Minimize the energy under the loads with a potential, then add the other loads."""
     conservative = run.configuration.conservative_part()
     start = polished(run, *minimum(run, conservative, conservative.mesh(), None)).solution.z
     z = np.zeros(run.shooting.unknowns)
@@ -176,12 +176,12 @@ def _other_loads_last(run: Run) -> Reached:
 
 
 def _newton_from_initial(run: Run) -> Reached:
-    """Newton's method from the unknowns of another equilibrium or a guess, unless it may have changed the branch."""
-    initial, own = run.initial, run.configuration
+    """Run Newton's method from another equilibrium or a guess; fails if it may have changed the branch."""
+    initial, configuration = run.initial, run.configuration
     assert initial is not None
     jacobian = initial.outcome.jacobian
     family = 0.0 if jacobian is None else family_of(jacobian)
-    z = initial.base.unknowns(own.scales, own.kind.live)
+    z = initial.base.unknowns(configuration.scales, configuration.kind.live)
     reached = run.newton(run.shooting, z, ALONG_FAMILY if family else NEARBY, "newton from initial")
     if jacobian is None:
         return reached
@@ -194,16 +194,16 @@ def _newton_from_initial(run: Run) -> Reached:
 
 
 def _continued(run: Run) -> Reached:
-    """Along the route from the configuration of the other equilibrium to this one."""
-    initial, own = run.initial, run.configuration
+    """Follow the route from the configuration of the other equilibrium to this one."""
+    initial, configuration = run.initial, run.configuration
     assert initial is not None
-    route = Route(initial.configuration, own, run.settings.integrator)
-    z = initial.base.unknowns(own.scales, route.kind.live)
-    if initial.robot != own.robot or initial.shape is None:
+    route = Route(initial.configuration, configuration, run.settings.integrator)
+    z = initial.base.unknowns(configuration.scales, route.kind.live)
+    if initial.robot != configuration.robot or initial.shape is None:
         try:
             release = released(route.at(0.0), z)
         except DefinitionError as error:
-            message = f"the initial configuration is none of this robot: {error}"
+            message = f"the initial configuration does not fit this robot: {error}"
             raise Failed(SolveStatus.STALLED, message, z) from None
         z = run.trace(release, z, "release of the residual").solution.z
     try:
@@ -224,7 +224,7 @@ def _keep_last(run: Run, there: Configuration, failure: Failed) -> None:
 
 
 def _minimum_energy(run: Run) -> Reached:
-    """A minimum in its own discretization, from another shape, from what homotopy finds, or from the straight robot."""
+    """Minimize the transcribed energy from another shape, the homotopy's answer, or the straight robot."""
     guess: Record | None = run.initial
     if guess is None and run.settings.ipopt.start == "homotopy":
         guess = _by_homotopy(run)
@@ -237,14 +237,14 @@ def _minimum_energy(run: Run) -> Reached:
 
 
 def _transcribed(run: Run) -> Reached:
-    """The Cosserat equations in their own discretization."""
+    """Solve the transcribed Cosserat equations."""
     if run.initial is not None:
         return discretized(run, balance, _near(run, run.initial))
     return discretized(run, balance, None if run.settings.ipopt.start == "straight" else _anything(run))
 
 
 def _near(run: Run, initial: Record) -> Shape:
-    """The shape that shooting finds from another equilibrium or, unless the way met a fold, that one's."""
+    """The shape that shooting finds from ``initial``, or the shape of ``initial`` unless shooting met a fold."""
     try:
         reached = first_of(FROM_INITIAL, run, lambda _, reached: reached)
     except Failed as failure:
@@ -255,7 +255,7 @@ def _near(run: Run, initial: Record) -> Shape:
 
 
 def _anything(run: Run) -> Shape | None:
-    """Where IPOPT may start: what homotopy finds or, failing that, a minimum under the loads with a potential."""
+    """A start for IPOPT: the homotopy's answer or, failing that, a minimum under the loads with a potential."""
     guess = _by_homotopy(run)
     if guess is not None:
         return guess.shape
@@ -285,13 +285,13 @@ def _without_potential(run: Run, _: list[Failed]) -> bool:
 
 
 def _far_along(run: Run, failures: list[Failed]) -> bool:
-    """A path came far and has steps left: many steps may lead to an equilibrium that the robot has to snap to."""
+    """Whether a path got far and has steps left; more steps may lead to an equilibrium that the robot snaps to."""
     hopeless = max(failure.reached for failure in failures) < _NEAR or any(failure.exhausted for failure in failures)
     return run.settings.formulation == "automatic" and not hopeless
 
 
 def _within_half_a_turn(run: Run, _: list[Failed]) -> bool:
-    """Whole turns of a tube in another leave the Jacobian as it is: of larger steps it cannot tell the branch."""
+    """Whether tubes turn at most half a turn; whole turns leave the Jacobian as it is and hide a change of branch."""
     initial = run.initial
     assert initial is not None
     turned = run.configuration.actuation.rotations - initial.actuation.rotations

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from ..checks import Array
-from ..mechanics.boundary import Entry
+from ..mechanics.boundary import EntryPoint
 from ..mechanics.kind import DEAD, Kind
 from ..mechanics.law import Stiffness
 from ..mechanics.rod import Local
@@ -160,7 +160,7 @@ class StepColumns(_Columns):
 
 @attrs.frozen(slots=False)
 class EntryColumn(_Columns):
-    """Order of the data at the entry point: the fields of ``mechanics.boundary.Entry`` and the point load there."""
+    """Order of the data at the entry point: the fields of ``mechanics.boundary.EntryPoint`` and the point load there."""
 
     tubes: int
     kind: Kind = DEAD
@@ -191,11 +191,11 @@ class EntryColumn(_Columns):
         }
         return np.asarray(self._filled(data, scales, 1)[0])
 
-    def entry(self, column: Any) -> Entry[Any]:
+    def entry(self, column: Any) -> EntryPoint[Any]:
         """Extract the entry point's data from a symbolic column."""
         of = {name: column[part] for name, part in self.parts.items()}
         turned = of["rotations"] + of["twist"]
-        return Entry(of["position"], of["orientation"], turned, of["compliance"], of["force"])
+        return EntryPoint(of["position"], of["orientation"], turned, of["compliance"], of["force"])
 
 
 def existing(stiffness: Stiffness, present: Any) -> dict[str, Any]:

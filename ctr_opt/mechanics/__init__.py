@@ -1,1 +1,1 @@
-"""The paper's equations, symbolically, and the data they need along the arc length; knows no solver."""
+"""The paper's equations in symbols, and the data they need along the arc length; independent of solvers."""

@@ -1,4 +1,4 @@
-"""What holds at the entry point, at point loads and at the tip."""
+"""Conditions at the entry point, at point loads and at the tip."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from .state import State
 
 
 @attrs.frozen(eq=False)
-class Entry(Generic[SymT]):
-    """The entry point: its ``position (3,)`` and ``orientation (4,)``; the angles ``psi_i(0)`` of tubes that carry no
-    torque, ``free_angles``; the transmissions' ``compliance`` ``-beta_i / GJ_i``; the dead loads' total ``force``.
+class EntryPoint(Generic[SymT]):
+    """The data of the entry point.
+
+    Its ``position (3,)`` and ``orientation (4,)``; the angles ``psi_i(0)`` of tubes without torque, ``free_angles``;
+    the ``compliance`` ``-beta_i / GJ_i`` of the transmissions; the total ``force`` of the dead loads.
     """
 
     position: SymT
@@ -25,10 +27,10 @@ class Entry(Generic[SymT]):
     force: SymT
 
 
-def entry_state(bending: SymT, torsion: SymT, force: SymT, entry: Entry[SymT]) -> State[SymT]:
-    """The state at ``s = 0`` before any load acts there; ``force`` is that of the loads that depend on the shape.
+def entry_state(bending: SymT, torsion: SymT, force: SymT, entry: EntryPoint[SymT]) -> State[SymT]:
+    """The state at ``s = 0`` before any load acts there; ``force`` is due to loads that depend on the shape.
 
-    Behind it tubes only twist: ``psi_i(0) = free_angle_i + compliance_i tau_i``.
+    Behind the entry point, tubes only twist: ``psi_i(0) = free_angle_i + compliance_i tau_i``.
     """
     angles = entry.free_angles + transmission_twist(torsion, entry.compliance)
     return State(entry.position, entry.orientation, angles, bending, torsion, entry.force + force)
@@ -43,7 +45,7 @@ def jump(state: State[SymT], force: SymT, moment: SymT) -> State[SymT]:
 
 
 def jump_at(state: State[SymT], force: SymT, moment: SymT, frame: SymT) -> State[SymT]:
-    """``jump`` by way of the backbone frame ``R (3, 3)``, for derivatives by parts."""
+    """The state behind a point load, from the backbone frame ``R (3, 3)``, for derivatives by parts."""
     couples = frame.T @ moment
     return attrs.evolve(
         state,
@@ -56,8 +58,8 @@ def jump_at(state: State[SymT], force: SymT, moment: SymT, frame: SymT) -> State
 def tip_rows(tubes: int, live: bool = False) -> list[int]:
     """The entries of a state vector that vanish behind the last load: ``m_xy`` and every ``tau_i`` (paper, II-G).
 
-    Also ``n``, where it is unknown at the entry because loads depend on the shape (``live``); under dead loads alone
-    it vanishes anyway.
+    With ``live`` loads, which depend on the shape, ``n`` is unknown at the entry and included here. Under dead loads
+    alone it vanishes anyway.
     """
     names = ("bending", "torsion", "force") if live else ("bending", "torsion")
     parts = [State.parts(tubes)[name] for name in names]

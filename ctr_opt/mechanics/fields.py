@@ -1,4 +1,4 @@
-"""Material frames of tubes, symbolically: where loads that turn with them point."""
+"""Material frames of tubes in symbols, for loads that turn with them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .so3 import rotation_matrix, turn
 
 
 def material_frame(orientation: Any, angle: Any) -> Any:
-    """``R Rz(psi_i)``, 3 x 3."""
+    """The material frame ``R Rz(psi_i)`` of a tube, 3 x 3."""
     return rotation_matrix(orientation) @ _about_tangent(angle)
 
 
 def in_world(orientation: Any, angles: Any, vectors: Any) -> Any:
-    """Vectors ``(3, tubes)``, each in its tube's material frame, seen from the world."""
+    """World components of vectors ``(3, tubes)``, each given in its tube's material frame."""
     x, y = turn(angles, vectors[0, :].T, vectors[1, :].T)
     return rotation_matrix(orientation) @ ca.vertcat(x.T, y.T, vectors[2, :])
 

@@ -1,4 +1,4 @@
-"""What the equations of a robot provide for; every kind has its own symbolic functions and its own compiled library."""
+"""Kinds of loads that the equations cover; each kind has its own symbolic functions and compiled library."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from ..loads.field import Field
 
 _T = TypeVar("_T")
 _Method = TypeVar("_Method", bound=Callable[..., Any])
-_EXPRESSIONS = 4  # of the functions built for users' expressions, of which there may be ever new ones, that are kept
+_EXPRESSIONS = 4  # functions kept for users' expressions, as a program may create ever new expressions
 
 
 @attrs.frozen(cache_hash=True)
 class Kind:
-    """What the equations provide for beyond dead loads: expressions, and flags that are off by default.
+    """The loads that the equations cover beyond dead loads: expressions, and flags that are off by default.
 
-    A flag is a field that is a bool. One that is on names its compiled library, is defined there in capitals, and keeps
-    the lines of headers between ``#if`` and ``#endif`` of that name. The C text of a kind knows nothing of flags that
-    are off: one more flag does not change what others are compiled from.
+    A flag is a field of type bool. A flag that is on appears in the name of the compiled library and keeps the lines of
+    headers between ``#if`` and ``#endif`` of its name in capitals. The C text of a kind does not mention flags that are
+    off, so a new flag does not change the C text of other kinds.
     """
 
     body: bool = False  # loads in tubes' frames
@@ -34,7 +34,7 @@ class Kind:
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """The names of those that are on."""
+        """The names of the flags that are on."""
         return tuple(name for name in self.known_flags() if getattr(self, name))
 
     @property
@@ -43,19 +43,19 @@ class Kind:
         return self.body or bool(self.fields)
 
     def joined(self, other: Kind) -> Kind:
-        """What provides for both."""
+        """The kind that covers both."""
         flags = dict.fromkeys((*self.flags, *other.flags), True)
         return attrs.evolve(self, fields=tuple(dict.fromkeys((*self.fields, *other.fields))), **flags)
 
 
 DEAD = Kind()
-"""Dead loads only."""
+"""The kind for dead loads only."""
 
 _BODY = Kind(body=True)
 
 
 def kind_of(loads: Iterable[Any], fields: Iterable[Field] = ()) -> Kind:
-    """The kind for loads, and for the expressions that they come to."""
+    """The kind for loads, and for the expressions that they consist of."""
     kind = DEAD
     for load in loads:  # not any(): it runs in every compiled solve
         if getattr(load, "frame", "world") == "body":
@@ -66,7 +66,7 @@ def kind_of(loads: Iterable[Any], fields: Iterable[Field] = ()) -> Kind:
 
 
 def shared_by_kind(build: Callable[..., _T], most: int) -> Callable[..., _T]:
-    """``build(...)``, called once for equal arguments, which are hashable and hold a ``Kind``."""
+    """Cache ``build(...)`` for equal arguments, which are hashable and include a ``Kind``."""
     common, of_expressions = lru_cache(maxsize=most)(build), lru_cache(maxsize=_EXPRESSIONS)(build)
 
     def shared(*arguments: Hashable) -> _T:
@@ -77,7 +77,7 @@ def shared_by_kind(build: Callable[..., _T], most: int) -> Callable[..., _T]:
 
 
 def built_once(build: _Method) -> _Method:
-    """A method that is called once for equal arguments; what it builds is kept with its object."""
+    """Decorate a method so that it runs once for equal arguments; its object keeps the results."""
 
     @wraps(build)
     def method(self: Any, *key: Hashable) -> Any:

@@ -1,8 +1,8 @@
-"""The constitutive law of a tube and its energies, in this one place (paper, (3)): linear and isotropic.
+"""The constitutive law of a tube and its energies (paper, (3)): linear and isotropic; defined only here.
 
 Numbers, symbols and compiled code use these functions. Another law replaces their bodies and names its stiffnesses in
-:class:`Stiffness`; everything between a tube's attributes and this module goes by those names. A tube is taken to twist
-in proportion to its torque.
+:class:`Stiffness`; everything between a tube's attributes and this module uses those names. The model assumes that a
+tube twists in proportion to its torque.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from .so3 import SymT
 
 @attrs.frozen(eq=False)
 class Stiffness:
-    """The stiffnesses of a tube, or of all ``(tubes,)``, under the names of a tube's attributes.
+    """The stiffnesses of one tube, or of all ``(tubes,)``, by the names of a tube's attributes.
 
-    One in N m^(2 + lengths) is zero past its tube's end, unless it is kept ``everywhere``: a tube's angle goes on there
-    at its preset rate.
+    The unit of a stiffness is N m^(2 + lengths). It is zero past its tube's end unless it is kept ``everywhere``: a
+    tube's angle continues there at its preset rate.
     """
 
     bending_stiffness: Any = attrs.field(metadata={"lengths": 0, "everywhere": False})
@@ -29,36 +29,36 @@ class Stiffness:
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Their names, in order."""
+        """The names of the stiffnesses, in order."""
         return tuple(field.name for field in attrs.fields(cls))
 
     @classmethod
     def lengths(cls, name: str) -> int:
-        """By how many powers of length the unit of one exceeds that of ``EI``."""
+        """The powers of length by which the unit of a stiffness exceeds that of ``EI``."""
         return int(getattr(attrs.fields(cls), name).metadata["lengths"])
 
     @classmethod
     def everywhere(cls, name: str) -> bool:
-        """Whether one is kept past its tube's end."""
+        """Whether a stiffness is kept past its tube's end."""
         return bool(getattr(attrs.fields(cls), name).metadata["everywhere"])
 
     @classmethod
     def of(cls, value: Callable[[str], Any]) -> Stiffness:
-        """From a function of the name."""
+        """Stiffnesses from a function of their names."""
         return cls(**{name: value(name) for name in cls.names()})
 
     def of_tube(self, i: int) -> Stiffness:
-        """Those of one tube out of all."""
+        """The stiffnesses of one tube out of all."""
         return self.of(lambda name: getattr(self, name)[i])
 
     def resistance(self) -> list[Any]:
-        """Of all tubes at rest, against ``u_x``, ``u_y`` and each ``u_i,z``: what moments are over curvatures."""
+        """Moments over curvatures for ``u_x``, ``u_y`` and each ``u_i,z``, of all tubes at rest."""
         tubes = range(self.bending_stiffness.shape[0])
         bending = sum((self.bending_stiffness[i] for i in tubes[1:]), self.bending_stiffness[0])
         return [bending, bending, *(self.torsional_stiffness[i] for i in tubes)]
 
     def bends(self) -> Any:
-        """Whether tubes resist bending; past its end a tube follows."""
+        """Whether tubes resist bending, which they do not past their ends."""
         return self.bending_stiffness > 0
 
 
@@ -79,12 +79,12 @@ def moment(strain: SymT, stiffness: Stiffness) -> SymT:
 
 
 def twist_rate(torque: Any, stiffness: Stiffness, preset: Any) -> Any:
-    """``u_i,z`` of a tube that carries ``tau_i``, or of all: the third row of (3), solved."""
+    """Torsion ``u_i,z`` of a tube that carries ``tau_i``, or of all: the third row of (3), solved."""
     return preset + torque / stiffness.torsional_stiffness
 
 
 def backbone_curvature(bending_moment: SymT, stiffness: Stiffness, preset_x: SymT, preset_y: SymT) -> SymT:
-    """``u_xy`` at which the tubes together carry ``m_xy``: the first rows of (3), summed and solved.
+    """Curvature ``u_xy`` at which the tubes together carry ``m_xy``: the first rows of (3), summed and solved.
 
     The preset curvatures, *turned into the backbone frame*, are ``(tubes,)``.
     """
@@ -103,13 +103,13 @@ def straight_energy_density(preset: Any, stiffness: Stiffness) -> Any:
 
 
 def straight_hamiltonian(torque: Any, preset: Any, stiffness: Stiffness) -> Any:
-    """``tau u_z - W`` of a tube alone that is held straight: what its energy falls by as it is let out, N."""
+    """Hamiltonian ``tau u_z - W`` of a tube alone held straight, N: its loss of energy per length let out."""
     twist = twist_rate(torque, stiffness, preset[2])
     return torque * twist - energy_density((-preset[0], -preset[1], twist - preset[2]), stiffness)
 
 
 def transmission_compliance(length: Any, stiffness: Stiffness) -> Any:
-    """The angle by which a unit torque twists a tube over a ``length``, rad/(N m); or of all tubes."""
+    """The angle by which a unit torque twists a ``length`` of a tube, or of all tubes, rad/(N m)."""
     return length / stiffness.torsional_stiffness
 
 

@@ -1,7 +1,7 @@
 """The differential equations of the externally loaded robot, in internal moments.
 
 The paper's (2), (12), (16), (19), (20), rewritten in states without derivatives of the preset curvature or the
-stiffness; see ``docs/explanation/theory.md`` for each equation. All quantities are dimensionless or all SI, alike.
+stiffness; see ``docs/explanation/theory.md`` for each equation. Quantities are either all dimensionless or all SI.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from .state import State
 
 @attrs.frozen(eq=False)
 class Local(Generic[SymT]):
-    """What the equations need to know at one arc length.
+    """The data of the equations at one arc length.
 
-    ``stiffness`` of all tubes; ``precurvature (3, tubes)`` in the tubes' frames; ``force (3,)``, total, and ``moment
-    (3, tubes)``, each tube's, per arc length in the world frame.
+    ``stiffness`` of all tubes; ``precurvature (3, tubes)`` in the tubes' frames; the total ``force (3,)`` and each
+    tube's ``moment (3, tubes)``, per arc length, in the world frame.
     """
 
     stiffness: Stiffness
@@ -32,7 +32,7 @@ class Local(Generic[SymT]):
 
     @property
     def tubes(self) -> int:
-        """How many tubes the robot has."""
+        """Number of tubes."""
         return int(self.precurvature.shape[1])
 
 
@@ -45,13 +45,13 @@ def curvature(state: State[SymT], local: Local[SymT]) -> tuple[SymT, SymT]:
 
 
 def strain(psi: SymT, bent: SymT, twisted: SymT, preset: SymT) -> SymT:
-    """``u_i - u*_i`` of a tube turned by ``psi`` against the backbone frame (11)."""
+    """Strain ``u_i - u*_i`` of a tube turned by ``psi`` against the backbone frame (11)."""
     x, y = turn_back(psi, bent[0], bent[1])
     return ca.vertcat(x, y, twisted) - preset
 
 
 def kinematic_rates(orientation: SymT, bent: SymT) -> tuple[SymT, SymT]:
-    """``p' = R e3`` and ``R' = R hat(u)`` with ``u = (u_x, u_y, 0)`` (2)."""
+    """Rates ``p' = R e3`` and ``R' = R hat(u)`` with ``u = (u_x, u_y, 0)`` (2)."""
     u = ca.vertcat(bent, 0)
     return rotation_matrix(orientation)[:, 2], quaternion_rate(orientation, u)
 
@@ -63,7 +63,7 @@ def rates(state: State[SymT], local: Local[SymT]) -> State[SymT]:
 
 
 def rates_at(state: State[SymT], local: Local[SymT], frame: SymT, bent: SymT) -> State[SymT]:
-    """``rates`` by way of the backbone frame ``R (3, 3)`` and its curvature ``u_xy (2,)``, for derivatives by parts."""
+    """The state's rates from the frame ``R (3, 3)`` and curvature ``u_xy (2,)``, for derivatives by parts."""
     twisted = constitutive.twist_rate(state.torsion, local.stiffness, local.precurvature[2, :].T)
     position, orientation = frame[:, 2], quaternion_rate(state.orientation, ca.vertcat(bent, 0))
     to_body = frame.T

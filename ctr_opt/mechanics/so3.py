@@ -1,7 +1,7 @@
 """Rotations of the backbone frame, as quaternions ``(w, x, y, z)``.
 
-A quaternion that has left the unit sphere by an integrator's error still stands for an exact rotation, as
-every formula divides by its squared length.
+A quaternion that has left the unit sphere by an integrator's error still represents an exact rotation, as every formula
+divides by its squared length.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ SymT = TypeVar("SymT", ca.DM, ca.SX, ca.MX)
 
 
 def rotation_matrix(q: SymT) -> SymT:
-    """``R(q)``, 3 x 3."""
+    """The rotation matrix ``R(q)``, 3 x 3."""
     w, x, y, z = ca.vertsplit(q)
     scale = 2 / ca.sumsqr(q)
     return ca.vertcat(
@@ -26,7 +26,7 @@ def rotation_matrix(q: SymT) -> SymT:
 
 
 def quaternion_rate(q: SymT, u: SymT) -> SymT:
-    """``q'`` for ``R' = R hat(u)``: half the quaternion product of ``q`` and ``(0, u)``."""
+    """The rate ``q'`` for ``R' = R hat(u)``: half the quaternion product of ``q`` and ``(0, u)``."""
     w, x, y, z = ca.vertsplit(q)
     ux, uy, uz = ca.vertsplit(u)
     return 0.5 * ca.vertcat(
@@ -43,18 +43,18 @@ def turning(q: SymT) -> SymT:
 
 
 def turn_of(q: SymT) -> SymT:
-    """The turn ``phi`` about its own axes that a change of a quaternion is, 3 x 4; its length does not matter."""
+    """The matrix from a change of a quaternion to the turn ``phi`` about its own axes, 3 x 4; any length of ``q``."""
     return 4 / ca.sumsqr(q) * turning(q).T
 
 
 def turn(psi: SymT, x: SymT, y: SymT) -> tuple[SymT, SymT]:
-    """``Rz(psi) (x, y)``."""
+    """The vector ``(x, y)`` turned by ``psi``: ``Rz(psi) (x, y)``."""
     c, s = ca.cos(psi), ca.sin(psi)
     return c * x - s * y, s * x + c * y
 
 
 def turn_back(psi: SymT, x: SymT, y: SymT) -> tuple[SymT, SymT]:
-    """``Rz(-psi) (x, y)``, by the same sine and cosine as :func:`turn`."""
+    """The vector ``(x, y)`` turned back: ``Rz(-psi) (x, y)``, by the sine and cosine of :func:`turn`."""
     c, s = ca.cos(psi), ca.sin(psi)
     return c * x + s * y, c * y - s * x
 

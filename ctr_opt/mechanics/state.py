@@ -13,14 +13,14 @@ from .so3 import SymT
 
 
 def slices(sizes: dict[str, int]) -> dict[str, slice]:
-    """Where parts of the given sizes stand in a vector that holds them one behind the other."""
+    """The slices of successive parts of given sizes in a vector."""
     ends = np.cumsum(list(sizes.values()))
     return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
 
 @attrs.frozen(eq=False)
 class State(Generic[SymT]):
-    """``(p, q, psi, m_xy, tau, n)``: quantities that are continuous but for jumps under point loads.
+    """The state ``(p, q, psi, m_xy, tau, n)``, which is continuous except for jumps at point loads.
 
     position ``p`` (3); orientation ``q`` of the backbone frame (4); tube angles ``psi_i``; total bending moment
     ``m_xy`` in the backbone frame (2); torsional moments ``tau_i``; internal force ``n`` in the world frame (3).
@@ -35,12 +35,12 @@ class State(Generic[SymT]):
 
     @staticmethod
     def size(tubes: int) -> int:
-        """Number of entries."""
+        """Number of entries of a state vector."""
         return 12 + 2 * tubes
 
     @staticmethod
     def parts(tubes: int) -> dict[str, slice]:
-        """Where each part stands in the vector."""
+        """The slice of each part in the state vector."""
         sizes = {"position": 3, "orientation": 4, "angles": tubes, "bending": 2, "torsion": tubes, "force": 3}
         return slices(sizes)
 
@@ -62,7 +62,7 @@ def state_names(tubes: int) -> list[str]:
 
 
 def stacked(state: State[Any]) -> Array:
-    """A state in numbers ``(.., k)`` as one array ``(size, k)``."""
+    """One array ``(size, k)`` of a state in numbers ``(.., k)``."""
     return np.vstack((state.position, state.orientation, state.angles, state.bending, state.torsion, state.force))
 
 

@@ -1,4 +1,4 @@
-"""How far a discretized shape is from the exact one, by comparison with half the steps' length; when to cut steps."""
+"""Error estimates of discretized shapes, by comparison with half the step length, and refinement of steps."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from numpy.typing import NDArray
 from ..checks import Array
 from ..transcription.closure import close, newton_correction
 from ..transcription.shooting import NodeStates, Shooting
-from .newton import Newton, Solution, newton
+from .newton import Newton, NewtonResult, newton
 
-_SAFETY = 2.0  # the error is at most twice the difference to half the step, for a method of order one or more
-_SHARE = 0.5  # of the average step's: steps that contribute less are left as they are
-_MUCH = 100.0  # times its share: a step that contributes so much is cut into four
+_SAFETY = 2.0  # the error is at most twice the difference to half the step, for methods of order one or more
+_SHARE = 0.5  # of the average contribution: steps that contribute less are not cut
+_MUCH = 100.0  # times its share: a step that contributes more is cut into four
 _ROUNDING = 1e-12  # of the length: no smaller error is claimed
 _REFINEMENTS = 7  # times all steps may be halved to reach the tolerance
-_LOCAL_REFINEMENTS = 30  # times some may: loads with kinks are met by ever shorter steps there
-_PROGRESS = 0.9  # of the error: cutting steps and gaining less meets a limit that is not the discretization's
-_IDLE = 4  # times in succession that this may happen where some steps were cut, as a kink may lie badly once
-_MOST_STEPS = 3000  # no mesh has more
+_LOCAL_REFINEMENTS = 30  # times some steps may be: kinks of loads need ever shorter steps
+_PROGRESS = 0.9  # of the error: with less progress, something other than the discretization limits it
+_IDLE = 4  # times in succession without progress when only some steps were cut, as kinks may lie badly
+_MOST_STEPS = 3000  # of a mesh
 
 
 NEARBY = Newton(max_iterations=15, shortest_step=1.0)
-"""Newton's method without damping: it converges nearby or says so."""
+"""Newton's method without damping: it converges nearby or fails."""
 
 ALONG_FAMILY = Newton(max_iterations=30, negligible=1e-3)
 """Newton's method onto a family of equilibria, keeping the place along it."""
@@ -31,7 +31,7 @@ ALONG_FAMILY = Newton(max_iterations=30, negligible=1e-3)
 
 @attrs.frozen(eq=False)
 class Estimate:
-    """Estimated largest position error over the length of ``nodes``; the problem with half the steps, its solution."""
+    """Estimated largest position error of ``nodes`` over the length, with the finer problem and its solution."""
 
     error: float
     nodes: NodeStates
@@ -39,7 +39,7 @@ class Estimate:
     z: Array
 
     def parts(self, tolerance: float) -> NDArray[np.intp]:
-        """Into how many parts to cut each step: those that contribute more than their share of ``tolerance``."""
+        """The number of parts for each step; steps that contribute more than their share of ``tolerance`` are cut."""
         steps = self.nodes.left.shape[1]
         local = np.abs(two_halves(self.finer, self.nodes) - self.nodes.left).max(axis=0)
         if not (np.isfinite(self.error) and np.all(np.isfinite(local))):
@@ -53,7 +53,7 @@ class Estimate:
 
 
 class Refinement:
-    """Into how many parts to cut the steps next, until it is of no use."""
+    """Decides how to cut the steps next, and when to give up."""
 
     def __init__(self, tolerance: float) -> None:
         self._tolerance = tolerance
@@ -61,7 +61,7 @@ class Refinement:
         self._whole = self._local = self._idle = 0
 
     def next(self, estimate: Estimate) -> NDArray[np.intp] | None:
-        """The parts of every step; None to give up."""
+        """The number of parts for each step; None to give up."""
         parts = estimate.parts(self._tolerance)
         whole = bool(np.all(parts > 1))
         self._whole += whole
@@ -75,10 +75,11 @@ class Refinement:
         return parts
 
 
-def estimate_error(shooting: Shooting, solution: Solution, nodes: NodeStates, tolerance: float) -> Estimate:
-    """Error of ``nodes``, at the mesh of ``shooting``, against the finer solution near ``solution``.
+def estimate_error(shooting: Shooting, solution: NewtonResult, nodes: NodeStates, tolerance: float) -> Estimate:
+    """Estimate the error of ``nodes``, on the mesh of ``shooting``, against a finer solution near ``solution``.
 
-    The finer solution takes one chord step, two sweeps and no Jacobian; Newton's method only where that is not enough.
+    The finer solution takes one chord step, two sweeps and no Jacobian. Newton's method follows only if that is not
+    enough.
     """
     finer = shooting.refined()
     _, residual = finer.sweep(solution.z)
@@ -96,11 +97,11 @@ def estimate_error(shooting: Shooting, solution: Solution, nodes: NodeStates, to
     return Estimate(float(_SAFETY * difference + _ROUNDING), nodes, finer, z)
 
 
-def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: NodeStates) -> tuple[Estimate, Solution]:
-    """The same for nodes that another discretization found, without shooting from the entry to the tip.
+def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: NodeStates) -> tuple[Estimate, NewtonResult]:
+    """Estimate the error of nodes from another discretization, without shooting from the entry to the tip.
 
-    The difference to the finer solution is what closes the gaps that half the steps' length leaves. Also the unknowns
-    ``z`` as a solution, with the residual and Jacobian there.
+    The difference to the finer solution is the correction that closes the gaps left by half the step length. Also
+    returns the unknowns ``z`` as a solution, with the residual and Jacobian there.
     """
     finer = shooting.refined()
     closure = close(shooting, z, nodes, two_halves(finer, nodes))
@@ -108,10 +109,10 @@ def estimate_error_of_nodes(shooting: Shooting, z: Array, nodes: NodeStates) -> 
     difference = max(np.linalg.norm(moved[:3], axis=0).max() for moved in (closure.states, carried))
     error = float(_SAFETY * difference + _ROUNDING) if np.isfinite(difference) else np.inf
     residual = nodes.tip[shooting.functions.tip_rows]
-    solution = Solution(z, residual, closure.jacobian, 0, True)
+    solution = NewtonResult(z, residual, closure.jacobian, 0, True)
     return Estimate(error, nodes, finer, z + closure.unknowns), solution
 
 
 def two_halves(finer: Shooting, nodes: NodeStates) -> Array:
-    """Where two halves of every step end that begin at the nodes."""
+    """The states at the ends of all steps, each integrated in two halves from its node."""
     return finer.advance(finer.advance(nodes.right, 0), 1)

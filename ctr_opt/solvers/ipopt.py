@@ -1,6 +1,6 @@
-"""IPOPT behind one class: built once for a program, solved for many parameters.
+"""IPOPT as one class, built once for a program and solved for many parameters.
 
-What it says is believed only if the equations hold at the point it returns.
+A reported success counts only if the equations hold at the returned point.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
 
-LOCK = threading.RLock()  # IPOPT's linear solver is one for the process and not safe in threads
+LOCK = threading.RLock()  # IPOPT's linear solver is shared by the process and not thread-safe
 
 
 def _start(_: Ipopt, field: attrs.Attribute[Any], value: Any) -> None:
@@ -38,13 +38,25 @@ class Ipopt:
     Parameters
     ----------
     tolerance
-        Of the optimality conditions and constraints; the problems are dimensionless.
+        Tolerance of the optimality conditions and constraints; the problems are dimensionless.
     max_iterations
-        Iterations allowed.
+        Largest number of iterations.
     start
-        From where a cold solve starts: ``"straight"``, the straight robot, or ``"homotopy"``, the equilibrium that
-        shooting with homotopy finds (and, where it finds none, the straight robot). Default: straight for the energy
-        formulation, which is at home there, homotopy for the equilibrium formulation, which is not.
+        Where a cold solve starts. ``"straight"``: at the straight robot. ``"homotopy"``: at the equilibrium that
+        shooting with homotopy finds. If it finds none, the energy formulation starts at the straight robot. The
+        equilibrium formulation then tries a minimum of the energy under the conservative loads, and last the straight
+        robot. Default: ``"straight"`` for the energy formulation, ``"homotopy"`` for the equilibrium formulation,
+        which converges less often from the straight robot.
+
+    Raises
+    ------
+    DefinitionError
+        A value outside its range, or an unknown start.
+
+    Examples
+    --------
+    >>> Ipopt(start="homotopy").max_iterations
+    100
     """
 
     tolerance: float = attrs.field(default=1e-10, validator=bounded(above=0.0))
@@ -54,7 +66,7 @@ class Ipopt:
 
 @attrs.frozen(eq=False)
 class IpoptPoint:
-    """Where IPOPT ended."""
+    """The point where IPOPT ended."""
 
     x: Array
     multipliers: Array
@@ -66,17 +78,17 @@ class IpoptPoint:
 
     @classmethod
     def of(cls, result: Any, stats: Any, ends: Sequence[str], most: float) -> IpoptPoint:
-        """What a solver of CasADi's returned: believed if it ended well and left at most ``most`` of the equations."""
+        """The point from a CasADi result; converged if it ended well and residuals are below ``most``."""
         x, multipliers, residual = (result[name].full()[:, 0] for name in ("x", "lam_g", "g"))
         sound = bool(np.isfinite(x).all()) and np.abs(residual).max(initial=0.0) < most
         status = str(stats["return_status"])
-        said = status.replace("_", " ").lower()
+        message = status.replace("_", " ").lower()
         converged = status in ends and bool(sound)
-        return cls(x, multipliers, float(result["f"]), int(stats["iter_count"]), converged, said, residual)
+        return cls(x, multipliers, float(result["f"]), int(stats["iter_count"]), converged, message, residual)
 
 
-def quiet(tolerance: float, iterations: int, **own: Any) -> dict[str, Any]:
-    """Options for CasADi of an IPOPT that prints nothing, scales nothing and leaves failures to its caller."""
+def quiet(tolerance: float, iterations: int, **extra: Any) -> dict[str, Any]:
+    """CasADi options for an IPOPT that prints nothing, scales nothing and leaves failures to its caller."""
     return {
         "print_time": False,
         "error_on_fail": False,
@@ -88,13 +100,13 @@ def quiet(tolerance: float, iterations: int, **own: Any) -> dict[str, Any]:
             "tol": tolerance,
             "max_iter": iterations,
             "nlp_scaling_method": "none",
-            **own,
+            **extra,
         },
     }
 
 
 class IpoptSolver:
-    """An equality-constrained program, ready to be solved."""
+    """IPOPT for one equality-constrained program."""
 
     def __init__(self, nlp: Nlp, method: Ipopt) -> None:
         self.nlp = nlp
@@ -116,7 +128,7 @@ class IpoptSolver:
         return IpoptPoint.of(result, stats, ("Solve_Succeeded",), 1e3 * self._tolerance)
 
     def derivatives(self, point: IpoptPoint, p: Array) -> tuple[csc_matrix, csc_matrix]:
-        """Hessian of the Lagrangian and Jacobian of the constraints at a point."""
+        """The Hessian of the Lagrangian and the Jacobian of the constraints at a point."""
         from scipy.sparse import csc_matrix
 
         with LOCK:

@@ -1,4 +1,4 @@
-"""Minimization that does not stop at saddles: IPOPT, the inertia of the reduced Hessian, and a way down."""
+"""Minimization that leaves saddles: IPOPT, the inertia of the reduced Hessian, and a descent direction."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .ipopt import IpoptPoint, IpoptSolver
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
-_MARGIN = 1e-7  # an eigenvalue relative to the elastic part below which no minimum is claimed
+_MARGIN = 1e-7  # smallest eigenvalue, relative to the elastic part, of a stable minimum
 _DESCENTS = 6  # saddles left before giving up; each descent lowers the energy
-_FIRST_LOAD, _SMALLEST_LOAD = 1.0 / 16.0, 1.0 / 512.0  # steps, of the whole loads
+_FIRST_LOAD, _SMALLEST_LOAD = 1.0 / 16.0, 1.0 / 512.0  # steps, as fractions of the whole loads
 _STEPS = (0.3, 1.0, 3.0)  # tried along a descent direction, in units of the elastic metric
 
 
 @attrs.frozen(eq=False)
 class Inertia:
-    """Smallest generalized eigenvalue of (second variation, elastic metric) and the direction that belongs to it.
+    """The smallest generalized eigenvalue of (second variation, elastic metric), and its direction.
 
     ``smallest`` is dimensionless, at most about 1, zero at a fold, and negative at a saddle; ``direction`` is a step
     in all variables that keeps the linearized constraints, of unit size in the metric.
@@ -37,7 +37,7 @@ class Inertia:
 def reduced_inertia(
     hessian: csc_matrix, jacobian: csc_matrix, free: NDArray[np.intp], metric: Array, margin: float
 ) -> Inertia:
-    """Inertia of ``hessian`` on the null space of ``jacobian``.
+    """The inertia of ``hessian`` on the null space of ``jacobian``.
 
     ``free`` are the variables that determine all others through the constraints, ``metric`` their positive weights.
     Eigenvalues below ``-margin`` count as negative.
@@ -60,7 +60,7 @@ def reduced_inertia(
 
 @attrs.frozen(eq=False)
 class Minimum:
-    """A stationary point, its inertia, and how many saddles were left on the way."""
+    """A stationary point, its inertia, and the number of saddles left on the way."""
 
     point: IpoptPoint
     inertia: Inertia | None
@@ -68,7 +68,7 @@ class Minimum:
     iterations: int
 
     @property
-    def found(self) -> bool:
+    def is_minimum(self) -> bool:
         """Whether no negative direction is left; one may be neutral, along a family of equilibria."""
         return self.inertia is not None and self.inertia.negative == 0
 
@@ -79,7 +79,7 @@ class Minimum:
 
 
 def minimize(solver: IpoptSolver, energy: EnergyProblem, guess: Array) -> Minimum:
-    """A minimum of the energy near ``guess``, or the stationary point at which the way down was lost."""
+    """Find a minimum of the energy near ``guess``, or the stationary point where the descent ended."""
     parameters, free = energy.parameters, energy.program.free
     point = solver.solve(guess, parameters)
     iterations = point.iterations
@@ -98,24 +98,24 @@ def minimize(solver: IpoptSolver, energy: EnergyProblem, guess: Array) -> Minimu
 
 
 def minimize_in_steps(solver: IpoptSolver, energy: EnergyProblem, guess: Array) -> Minimum:
-    """The same under loads that grow from nothing, each minimum the guess for the next; else the last failure."""
+    """Minimize under growing loads, each minimum the guess for the next; returns the last failure otherwise."""
     reached, step, iterations = 0.0, _FIRST_LOAD, 0
     while True:
         target = min(1.0, reached + step)
-        found = minimize(solver, energy.scaled(target, target), guess)
-        iterations += found.iterations
-        if found.found:
-            guess, reached, step = found.point.x, target, 2.0 * step
+        stationary = minimize(solver, energy.scaled(target, target), guess)
+        iterations += stationary.iterations
+        if stationary.is_minimum:
+            guess, reached, step = stationary.point.x, target, 2.0 * step
         else:
             step *= 0.5
         if reached == 1.0 or step < _SMALLEST_LOAD:
-            return attrs.evolve(found, iterations=iterations)
+            return attrs.evolve(stationary, iterations=iterations)
 
 
 def _descend(
     solver: IpoptSolver, parameters: Array, saddle: IpoptPoint, inertia: Inertia
 ) -> tuple[IpoptPoint | None, int]:
-    """The lowest point reached by stepping both ways along the negative direction, and the iterations spent."""
+    """The lowest point reached by steps both ways along the negative direction, and the iterations used."""
     iterations = 0
     for step in _STEPS:
         points = [solver.solve(saddle.x + sign * step * inertia.direction, parameters) for sign in (1.0, -1.0)]

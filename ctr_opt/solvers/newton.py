@@ -1,4 +1,4 @@
-"""Newton's method for a small square system, never silent: every iterate is checked for size and finiteness."""
+"""Newton's method for a small square system; every iterate is checked for size and finiteness."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class System(Protocol):
         ...
 
 
-_ROUNDING = 1e-13  # a correction below, relative to the unknowns, changes nothing but rounding errors ...
+_ROUNDING = 1e-13  # corrections below this, relative to the unknowns, are rounding errors ...
 _ROUNDED = 1e-6  # ... which a flexible robot amplifies to residuals up to this
 _POSITIVE = bounded(above=0.0)
 
@@ -31,14 +31,24 @@ class Newton:
     Parameters
     ----------
     max_iterations
-        Iterations allowed.
+        Largest number of iterations.
     contraction
-        A step is halved until the next correction is expected to be shorter: the norm of the simplified Newton
-        correction must fall below this factor times the last (Deuflhard's natural monotonicity test).
+        A step is halved until the norm of the simplified Newton correction falls below this factor times the last
+        correction (Deuflhard's natural monotonicity test).
     shortest_step
         The smallest damping factor tried.
     negligible
-        Singular values of the Jacobian below are taken for zero, and no step is made in their directions.
+        Singular values of the Jacobian below this count as zero; no step is made in their directions.
+
+    Raises
+    ------
+    DefinitionError
+        A value that is not positive.
+
+    Examples
+    --------
+    >>> Newton(max_iterations=50).contraction
+    1.0
     """
 
     max_iterations: int = attrs.field(default=30, validator=_POSITIVE)
@@ -48,8 +58,8 @@ class Newton:
 
 
 @attrs.frozen(eq=False)
-class Solution:
-    """Where Newton's method ended: ``z``, the residual and Jacobian there, and whether it converged."""
+class NewtonResult:
+    """The end of Newton's method: ``z``, the residual and Jacobian there, and whether it converged."""
 
     z: Array
     residual: Array
@@ -65,19 +75,19 @@ class Solution:
         return size if np.isfinite(size) else np.inf
 
 
-def newton(system: System, z: Array, tolerance: float, method: Newton = Newton()) -> Solution:
+def newton(system: System, z: Array, tolerance: float, method: Newton = Newton()) -> NewtonResult:
     """Solve ``residual(z) = 0`` from ``z`` down to ``tolerance`` (largest entry)."""
     residual, jacobian = system.linearize(z)
     iterations = 0
     while True:
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
-            return Solution(z, residual, jacobian, iterations, False, "the residual is not finite")
+            return NewtonResult(z, residual, jacobian, iterations, False, "the residual is not finite")
         correction = newton_correction(jacobian, residual, method.negligible)
         size, change = np.abs(residual).max(), np.linalg.norm(correction)
         if size <= tolerance or (size <= _ROUNDED and change <= _ROUNDING * (1.0 + np.linalg.norm(z))):
-            return Solution(z, residual, jacobian, iterations, True)
+            return NewtonResult(z, residual, jacobian, iterations, True)
         if iterations == method.max_iterations:
-            return Solution(z, residual, jacobian, iterations, False, f"no convergence in {iterations} iterations")
+            return NewtonResult(z, residual, jacobian, iterations, False, f"no convergence in {iterations} iterations")
         step = 1.0
         while True:
             trial = z + step * correction
@@ -90,6 +100,6 @@ def newton(system: System, z: Array, tolerance: float, method: Newton = Newton()
                     break
             step *= 0.5
             if step < method.shortest_step:
-                return Solution(z, residual, jacobian, iterations, False, "no step decreased the residual")
+                return NewtonResult(z, residual, jacobian, iterations, False, "no step decreased the residual")
         z, residual, jacobian = trial, new_residual, new_jacobian
         iterations += 1

@@ -1,4 +1,4 @@
-"""IPOPT for programs that are evaluated in numbers: objective and constraints with derivatives from outside CasADi."""
+"""IPOPT for programs evaluated in numbers: objective, constraints and derivatives come from outside CasADi."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
 _ENDS = ("Solve_Succeeded", "Search_Direction_Becomes_Too_Small", "Solved_To_Acceptable_Level")
-"""How IPOPT ends at an answer: as wanted, or where rounding errors leave nothing to gain."""
+"""Endings of IPOPT that count as an answer: success, or rounding errors that prevent further progress."""
 _STANDS_STILL = {
     "acceptable_iter": 3,
     "acceptable_obj_change_tol": 1e-12,
     "acceptable_constr_viol_tol": 1e-9,
     "acceptable_tol": 1e10,
 }
-"""An answer, too: equations hold, and the objective is the same in so many steps, as where it knows no direction."""
-_SATISFIED = 1e-8  # largest equation left
+"""Also an answer: the equations hold and the objective stays the same in this number of steps."""
+_SATISFIED = 1e-8  # largest residual of an equation
 
 
 @attrs.frozen(eq=False)
 class Evaluated:
     """A program at a point: objective, gradient, constraints, their Jacobian, Hessian of the objective.
 
-    The last two are the nonzeros, column by column; the Hessian may be that of Gauss and Newton and holds the upper
-    triangle.
+    Jacobian and Hessian are given by their nonzeros, column by column. The Hessian may be that of Gauss-Newton; it
+    holds the upper triangle.
     """
 
     objective: float
@@ -44,22 +44,22 @@ class Evaluated:
 
 
 class Program(Protocol):
-    """Minimize an objective under equations."""
+    """A program: minimize an objective under equations."""
 
     @property
     def jacobian_structure(self) -> csc_matrix:
-        """Where the Jacobian of the constraints has nonzeros."""
+        """The sparsity of the Jacobian of the constraints."""
 
     @property
     def hessian_structure(self) -> csc_matrix:
-        """Where the Hessian's upper triangle has nonzeros."""
+        """The sparsity of the Hessian's upper triangle."""
 
     def evaluate(self, x: Array) -> Evaluated | None:
-        """Everything at a point; None where it cannot be evaluated."""
+        """Evaluate everything at a point; None if that is not possible."""
 
 
 class _Callback(ca.Callback):
-    """A CasADi function of columns whose outputs are computed in numbers; their errors are collected in ``caught``."""
+    """A CasADi function of columns, computed in numbers; exceptions are collected in ``caught``."""
 
     def __init__(
         self,
@@ -87,15 +87,15 @@ class _Callback(ca.Callback):
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
         try:
-            values = self._values(*(np.asarray(each.full())[:, 0] for each in arguments))
-        except BaseException as error:  # IPOPT would print it and go on: kept until it has ended
+            values = self._values(*(np.asarray(argument.full())[:, 0] for argument in arguments))
+        except BaseException as error:  # IPOPT would print it and continue: kept until IPOPT ends
             self._caught.append(error)
             return [ca.DM(pattern, np.full(pattern.nnz(), np.nan)) for pattern in self._outputs]
         return [ca.DM(pattern, value) for pattern, value in zip(self._outputs, values, strict=True)]
 
 
 class _Points:
-    """A program at the points where IPOPT asks for it: each is evaluated once, and an error ends the solve."""
+    """A program at the points that IPOPT requests; each is evaluated once, and an error ends the solve."""
 
     def __init__(self, program: Program, size: int) -> None:
         self.program, self.size = program, size
@@ -103,7 +103,7 @@ class _Points:
         self._kept: tuple[bytes, Evaluated] | None = None
 
     def at(self, x: Array) -> Evaluated:
-        """Everything at a point; not a number where it cannot be evaluated, and after an error."""
+        """Everything at a point; NaN if it cannot be evaluated, and after an error."""
         key = x.tobytes()
         if self._kept is None or self._kept[0] != key:
             evaluated = None if self.caught else self.program.evaluate(x)
@@ -116,7 +116,7 @@ class _Points:
         return Evaluated(np.nan, *(np.full(size, np.nan) for size in sizes))
 
     def functions(self) -> dict[str, _Callback]:
-        """The program as ``nlp`` and its derivatives by the names of CasADi's options."""
+        """The program as ``nlp``, and its derivatives, by the names of CasADi's options."""
         size, at, dense = self.size, self.at, ca.Sparsity.dense
         jacobian, hessian = _pattern(self.program.jacobian_structure), _pattern(self.program.hessian_structure)
         equations, one = jacobian.shape[0], dense(1, 1)
@@ -129,7 +129,7 @@ class _Points:
         return {name: _Callback(name, self.caught, *part) for name, part in parts.items()}
 
     def watched(self, progress: Callable[[int], None]) -> _Callback:
-        """What IPOPT calls after each iteration: it reports how many there were, or stops the solve."""
+        """The callback after each iteration, which reports their number or stops the solve."""
         steps = count(1)
 
         def watch(*_: Array) -> list[Any]:
@@ -160,7 +160,7 @@ def solve_program(
     iterations: int = 200,
     progress: Callable[[int], None] | None = None,
 ) -> IpoptPoint:
-    """IPOPT's answer from a start, between bounds; an error of the program, or of ``progress``, is raised."""
+    """Solve a program by IPOPT from a start, between bounds; raises errors of the program or of ``progress``."""
     points = _Points(program, len(start))
     functions = points.functions()
     x, nlp = ca.MX.sym("x", len(start)), functions.pop("nlp")  # CasADi keeps no callback alive: they are kept here

@@ -1,4 +1,4 @@
-"""How a solve ended; each status says what to do about it."""
+"""How a solve ended, and what to do about it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class Advised(Enum):
-    """An outcome, described, and what to do about it."""
+    """An outcome with its description and advice."""
 
     def __init__(self, description: str, advice: str) -> None:
         self.description = description
@@ -14,8 +14,10 @@ class Advised(Enum):
 
 
 class SolveStatus(Advised):
-    """The outcome of a solve.
+    """The outcome of a solve, with a ``description`` and ``advice`` on what to do.
 
+    Examples
+    --------
     >>> SolveStatus.CONVERGED.advice
     'nothing to do'
     """
@@ -40,12 +42,12 @@ class SolveStatus(Advised):
         "reach the loads in steps with `initial`, or use the default formulation",
     )
     NO_MINIMUM = (
-        "the energy minimization found saddles only",
+        "the energy minimization found only saddles",
         "start from another equilibrium with `initial`, or use the default formulation",
     )
     UNSTABLE = (
         "only unstable equilibria were found",
-        "the robot stays at none of them; one is `last_equilibrium`: start from another equilibrium with `initial`",
+        "the robot cannot stay there; `last_equilibrium` is one of them: start from another equilibrium with `initial`",
     )
     INACCURATE = (
         "the discretization did not reach the tolerance",

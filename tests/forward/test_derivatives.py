@@ -424,8 +424,8 @@ def simple():
 @pytest.mark.parametrize(
     ("of", "wrt", "message"),
     [
-        ("tip", "rotations", "of = 'tip' is no output; there are 'tip_position', 'tip_pose'"),
-        (("torsion", 0), "rotations", "no output"),
+        ("tip", "rotations", "of = 'tip' is not an output; allowed are 'tip_position', 'tip_pose'"),
+        (("torsion", 0), "rotations", "not an output"),
         (("torsion", 2, 0.1), "rotations", "index of a tube from 0 to 1"),
         (("position", 0.2), "rotations", "s = 0.2 m must be a finite number in m, at least 0 and at most 0.12"),
         ("energy", "rotation", "wrt = 'rotation' is not a parameter (did you mean 'rotations'?)"),
@@ -450,7 +450,7 @@ def test_other_wrong_input(simple):
     with pytest.raises(ctr.DefinitionError, match="order = 3 must be 1 or 2"):
         simple.sensitivity("energy", "rotations", order=3)
     made, actuation = flush()
-    with pytest.raises(ctr.DefinitionError, match="no second ones"):
+    with pytest.raises(ctr.DefinitionError, match="second derivatives do not exist"):
         ctr.ForwardProblem(made).solve(actuation).sensitivity("energy", "translations", order=2)
     failed = ctr.ForwardProblem(made).guess(actuation)
     with pytest.raises(ctr.SolveError):

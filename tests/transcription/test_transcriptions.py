@@ -176,7 +176,10 @@ def test_a_coarse_scheme_refines_until_it_is_good_enough():
     ("options", "words"),
     [
         ({"transcription": "radau"}, "transcription = 'radau' must be a Collocation or a MultipleShooting"),
-        ({"formulation": "equilibrium", "method": "newton", "transcription": ctr.Collocation()}, "Newton shoots"),
+        (
+            {"formulation": "equilibrium", "method": "newton", "transcription": ctr.Collocation()},
+            "method is Newton, which shoots",
+        ),
     ],
 )
 def test_wrong_combinations_are_told(options, words):
