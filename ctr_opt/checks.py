@@ -1,7 +1,7 @@
 """Checks of user input: each returns the clean value or raises a one-sentence ``DefinitionError``.
 
-What a value must be is stated once, as an :class:`Entry`: constructors check by it, files are read by it, and reports
-take its unit.
+The requirements on a value are stated once, as an :class:`Entry`. Constructors check it, files are read with it, and
+reports take its unit.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .errors import DefinitionError
 
 Array = NDArray[np.float64]
 ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
-"""Equality of a field that holds an array."""
+"""Equality of fields that hold arrays."""
 _LARGEST = 1e30  # in SI: no length, modulus or force is larger, and none overflows
 _ROTATION_TOLERANCE = 1e-6
 
@@ -32,7 +32,7 @@ def number(
     most: float | None = None,
     unit: str = "",
 ) -> float:
-    """``value`` as a finite float with ``above < value``, ``least <= value <= most``."""
+    """Check a finite float with ``above < value`` and ``least <= value <= most``."""
     allowed = _range(above, least, most, unit)
     try:
         if isinstance(value, (bool, str, bytes)):
@@ -54,7 +54,7 @@ def number(
 def bounded(
     above: float | None = None, least: float | None = None, most: float | None = None
 ) -> Callable[[Any, attrs.Attribute[Any], Any], None]:
-    """A validator of a field that holds a :func:`number`."""
+    """A validator for fields that hold a :func:`number`."""
 
     def validate(instance: Any, field: attrs.Attribute[Any], value: Any) -> None:
         number(value, f"{type(instance).__name__}.{field.name}", above=above, least=least, most=most)
@@ -65,12 +65,12 @@ def bounded(
 def array(
     value: Any, field: str, shape: tuple[int | None, ...], *, above: float | None = None, unit: str = ""
 ) -> Array:
-    """``value`` as a finite, read-only float array above a bound; ``None`` in ``shape`` stands for any size."""
+    """Check a finite float array above a bound and return it read-only; ``None`` in ``shape`` allows any size."""
     try:
-        given = np.array(value)
-        if given.dtype.kind not in "iuf":
+        raw = np.array(value)
+        if raw.dtype.kind not in "iuf":
             raise TypeError
-        result = np.asarray(given, dtype=np.float64)
+        result = np.asarray(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise DefinitionError(f"{field} = {_short(value)} must be numbers of shape {_wanted(shape)}") from None
     if result.shape != shape and (
@@ -88,16 +88,16 @@ def array(
 
 
 def direction(value: Any, field: str) -> Array:
-    """``value`` as a unit vector ``(3,)``, given at any length but zero."""
-    given = array(value, field, (3,))
-    size = float(np.linalg.norm(given))
+    """Check a direction ``(3,)`` of any nonzero length and return the unit vector."""
+    vector = array(value, field, (3,))
+    size = float(np.linalg.norm(vector))
     if size == 0.0:
-        raise DefinitionError(f"{field} = {given.tolist()} is zero, but must be a direction")
-    return given / size
+        raise DefinitionError(f"{field} = {vector.tolist()} is zero, but must be a direction")
+    return vector / size
 
 
 def rigid(value: Any, field: str) -> Array:
-    """``value`` as a pose ``(4, 4)``, its rotation accepted up to rounding of 1e-6 and made exact."""
+    """Check a pose ``(4, 4)``; its rotation may be off by 1e-6 and is made exact."""
     pose = np.array(array(value, field, (4, 4)))
     if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
         raise DefinitionError(f"{field}: the last row {pose[3].tolist()} must be [0, 0, 0, 1]")
@@ -106,7 +106,7 @@ def rigid(value: Any, field: str) -> Array:
     determinant = float(np.linalg.det(rotation))
     if defect > _ROTATION_TOLERANCE or determinant < 0.0:
         raise DefinitionError(
-            f"{field}: the upper left 3 x 3 block is no rotation (R^T R differs from the identity by {defect:.2g}, "
+            f"{field}: the upper left 3 x 3 block is not a rotation (R^T R differs from the identity by {defect:.2g}, "
             f"allowed {_ROTATION_TOLERANCE:g}; det R = {determinant:.6g}, must be 1)"
         )
     left, _, right = np.linalg.svd(rotation)
@@ -116,7 +116,7 @@ def rigid(value: Any, field: str) -> Array:
 
 
 def choice(value: Any, field: str, allowed: tuple[str, ...]) -> str:
-    """``value`` if it is one of ``allowed``."""
+    """Check that ``value`` is one of ``allowed``."""
     if not isinstance(value, str) or value not in allowed:
         names = " or ".join(repr(name) for name in allowed)
         raise DefinitionError(f"{field} = {value!r} must be {names}")
@@ -124,14 +124,14 @@ def choice(value: Any, field: str, allowed: tuple[str, ...]) -> str:
 
 
 def flag(value: Any, field: str) -> bool:
-    """``value`` if it is True or False."""
+    """Check that ``value`` is True or False."""
     if not isinstance(value, bool):
         raise DefinitionError(f"{field} = {value!r} must be True or False")
     return value
 
 
 def whole(value: Any, field: str, least: int, most: float = np.inf, *, meaning: str = "") -> int:
-    """``value`` as an integer ``least <= value <= most``; ``meaning`` is what an error says that it must be."""
+    """Check an integer ``least <= value <= most``; ``meaning`` describes it in errors."""
     try:
         if isinstance(value, bool) or int(value) != value or not least <= value <= most:
             raise ValueError
@@ -142,14 +142,14 @@ def whole(value: Any, field: str, least: int, most: float = np.inf, *, meaning: 
 
 
 def index(value: Any, field: str, size: int | None = None) -> int:
-    """``value`` as an index ``0 <= value < size``."""
+    """Check the index of a tube, ``0 <= value < size``."""
     top, most = ("", np.inf) if size is None else (f" from 0 to {size - 1}", size - 1)
     return whole(value, field, 0, most, meaning=f"the index of a tube{top}, 0 being the innermost")
 
 
 def _range(above: float | None, least: float | None, most: float | None, unit: str) -> str:
-    given = (("above", above), ("at least", least), ("at most", most))
-    bounds = [f"{name} {bound:g}" for name, bound in given if bound is not None]
+    limits = (("above", above), ("at least", least), ("at most", most))
+    bounds = [f"{name} {bound:g}" for name, bound in limits if bound is not None]
     return "a finite number" + _in(unit) + (", " + " and ".join(bounds) if bounds else "")
 
 
@@ -166,7 +166,7 @@ def _wanted(shape: tuple[int | None, ...]) -> str:
 
 
 def _first(good: Any, values: Array) -> tuple[str, float]:
-    """The place of the first entry that is not good, and the entry."""
+    """The position of the first entry that is not good, and the entry."""
     place = tuple(np.argwhere(~good)[0].tolist())
     return ", ".join(map(str, place)), float(values[place])
 
@@ -176,14 +176,14 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-# -- values that are described -----------------------------------------------------------------------------------------
+# -- described values --------------------------------------------------------------------------------------------------
 
 _WORDS = ("text", "flag", "whole", "tube", "any")
 
 
 @attrs.frozen
 class Entry:
-    """What an argument, or a value in a file, must be.
+    """The requirements on an argument, or on a value in a file.
 
     Attributes
     ----------
@@ -192,15 +192,15 @@ class Entry:
     shape
         Default: a single value. None: any size.
     scalar_too
-        Whether in files one number may stand for all.
+        Whether one number in a file may replace a whole list.
     above, least, most
         The range of a number.
     optional
         Whether it may be None.
     choices
-        The texts that are allowed, if not all are.
+        The allowed texts; empty if all are allowed.
     says
-        What messages call a list in a file.
+        The name of a list in messages about files.
     """
 
     unit: str
@@ -219,7 +219,7 @@ class Entry:
         return self.unit not in _WORDS
 
     def checked(self, value: Any, field: str) -> Any:
-        """An argument of this name, clean."""
+        """The checked value of an argument called ``field``."""
         if value is None and self.optional:
             return None
         unit = self.unit if self.unit != "1" else ""
@@ -238,11 +238,11 @@ class Entry:
 
 @attrs.frozen
 class Table:
-    """A table of a file with a ``kind``: its entries by name, and what makes a value of them.
+    """A table of a file with a ``kind``: its entries by name, and the function that makes a value from them.
 
-    A name that ends in ``?`` may be left out; entries may be tables themselves. With ``needed`` columns (SI units by
-    their names), and ``optional`` ones, the table names a CSV file: ``make`` takes their values by name, first. With
-    ``csv``, a number of columns and where entries stand in them, it may name a CSV file without a header for these.
+    A name that ends in ``?`` may be left out; entries may be tables themselves. With ``needed`` and ``optional``
+    columns (SI units by name), the table names a CSV file, and ``make`` takes the columns by name as first argument.
+    With ``csv``, a number of columns and the columns of entries, the table may name a CSV file without a header.
     """
 
     kind: str
@@ -254,7 +254,7 @@ class Table:
 
 
 def given(value: Any) -> Any:
-    """The converter of fields that :class:`Checked` checks: type checkers let callers pass what it accepts."""
+    """A converter for fields of :class:`Checked`, which makes type checkers accept any argument."""
     return value
 
 
@@ -264,35 +264,35 @@ def described(**entries: Entry) -> Mapping[str, Entry]:
 
 
 class Checked:
-    """A frozen value whose arguments are checked by their ``entries`` when it is made."""
+    """A frozen value whose arguments are checked by ``entries`` when it is created."""
 
     __slots__ = ()
 
     kind: ClassVar[str] = ""
-    """What it is called in files; empty: it has no place in them."""
+    """The name of this kind in files; empty if files cannot contain it."""
     entries: ClassVar[Mapping[str, Entry]]
     csv: ClassVar[Any] = None
     """See :class:`Table`."""
 
     def __attrs_post_init__(self) -> None:
-        put = object.__setattr__  # loads are made in loops: every look-up counts
+        put = object.__setattr__  # loads are created in loops: every look-up counts
         for slot, field, entry in _slots(cast(Any, type(self))):
             put(self, slot, entry.checked(getattr(self, slot), field))
 
     @classmethod
     def in_files(cls) -> dict[str, Entry]:
-        """Its entries in files: a name ends in ``?`` where there is a default."""
+        """The entries in files; a name ends in ``?`` if it has a default."""
         defaults = {field.alias: field.default for field in attrs.fields(cast(Any, cls))}
         return {name + "?" * (defaults[name] is not attrs.NOTHING): entry for name, entry in cls.entries.items()}
 
     @classmethod
     def tables(cls) -> Sequence[Table]:
-        """The tables of files that describe it."""
+        """The tables of files that describe this kind."""
         return (Table(cls.kind, cls.in_files(), cls, csv=cls.csv),) if cls.kind else ()
 
 
 @cache
 def _slots(kind: Any) -> list[tuple[str, str, Entry]]:
-    """Where a class keeps the arguments that have entries, their names, and the entries."""
+    """The attributes of a class that have entries, with the names of their arguments and the entries."""
     names = {field.alias: field.name for field in attrs.fields(kind)}
     return [(names[field], field, entry) for field, entry in kind.entries.items()]

@@ -6,13 +6,13 @@ from typing import Any
 
 
 class CtrOptError(Exception):
-    """Base class of every error this package raises on purpose."""
+    """Base class of all errors that this package raises on purpose."""
 
 
 class DefinitionError(CtrOptError, ValueError):
-    """An input is wrong: the message names the field, the tube, the value and the allowed range.
+    """An input is wrong; the message names the field, the tube, the value and the allowed range.
 
-    It is one line: line breaks and control characters of what was given are shown escaped.
+    The message is one line: line breaks and control characters of the input are shown escaped.
     """
 
     def __init__(self, message: str) -> None:
@@ -22,12 +22,12 @@ class DefinitionError(CtrOptError, ValueError):
 
 
 class SolveError(CtrOptError, RuntimeError):
-    """A solve did not reach an equilibrium.
+    """A solve found no equilibrium; the message says what was tried and what to do.
 
     Attributes
     ----------
     result
-        The failed :class:`~ctr_opt.Equilibrium`: its status, diagnostics and last iterate.
+        The failed :class:`~ctr_opt.Equilibrium`, with its status, diagnostics and last iterate.
     """
 
     def __init__(self, message: str, result: Any = None) -> None:
@@ -36,20 +36,20 @@ class SolveError(CtrOptError, RuntimeError):
 
 
 class EstimationError(CtrOptError, RuntimeError):
-    """An estimation found no answer, or the data do not determine what is asked for."""
+    """An estimation found no answer, or the data do not determine the unknowns."""
 
 
 class CompilationError(CtrOptError, RuntimeError):
-    """C code was not compiled or not loaded: the message ends with the compiler's last lines."""
+    """C code could not be compiled or loaded; the message ends with the compiler's last lines."""
 
 
 class MissingExtraError(CtrOptError, ImportError):
-    """An optional dependency is not installed: the message names the extra that brings it."""
+    """An optional dependency is not installed; the message names the extra to install."""
 
 
 class EstimationWarning(UserWarning):
-    """An estimation left something out of its answer: the message says what, and why."""
+    """An estimation left something out of its answer; the message says what and why."""
 
 
 class NestingWarning(UserWarning):
-    """An inner tube is wider than the bore of the tube around it."""
+    """A tube is wider than the bore of the tube around it."""

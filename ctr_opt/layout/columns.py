@@ -160,7 +160,7 @@ class StepColumns(_Columns):
 
 @attrs.frozen(slots=False)
 class EntryColumn(_Columns):
-    """Order of the data at the entry point: the fields of ``mechanics.boundary.EntryPoint`` and the point load there."""
+    """Order of the data at the entry point: the fields of ``boundary.EntryPoint`` and the point load there."""
 
     tubes: int
     kind: Kind = DEAD

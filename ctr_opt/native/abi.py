@@ -1,8 +1,8 @@
-"""What Python and the compiled solver agree on, stated once: structures, enumerations, functions, results.
+"""The interface of Python and the compiled solver, stated once: structures, enumerations, functions, results.
 
-The declarations below are what Python calls with; :func:`declarations` and :meth:`Sizes.results` write the C text from
-them. A definition in ``driver.c`` that differs from its prototype here does not compile, and the sizes of all
-structures are compared when a library is loaded.
+Python calls with the declarations below; :func:`declarations` and :meth:`Sizes.results` write the C text from them. A
+definition in ``driver.c`` that differs from its prototype here does not compile. The sizes of all structures are
+compared when a library is loaded.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _struct(name: str, **fields: Any) -> Any:
     return type(name, (ctypes.Structure,), {"_fields_": list(fields.items())})
 
 
-# -- what a solver is given, SI ----------------------------------------------------------------------------------------
+# -- inputs of the solver, SI ------------------------------------------------------------------------------------------
 
 Robot = _struct(
     "Robot",
@@ -43,8 +43,8 @@ Robot = _struct(
     position=_DOUBLES,  # of the entry point
     orientation=_DOUBLES,  # of the entry point, a quaternion
 )
-# An arc length of NaN rides on the tube's end. A frame other than zero is the tube's, zero is the world's. A point load
-# of zeros breaks no step: it is a place alone.
+# An arc length of NaN moves with the tube's end. Frame zero is the world's, any other the tube's. A point load of zeros
+# breaks no step: it only marks a place.
 PointLoad = _struct("PointLoad", s=_DOUBLE, tube=_DOUBLE, frame=_DOUBLE, force=_VECTOR, moment=_VECTOR)
 SpanLoad = _struct("SpanLoad", ends=_DOUBLE * 2, tube=_DOUBLE, frame=_DOUBLE, force=_VECTOR, moment=_VECTOR)
 Loads = _struct("Loads", points=_INT, spans=_INT, point=ctypes.POINTER(PointLoad), span=ctypes.POINTER(SpanLoad))
@@ -52,7 +52,7 @@ Goal = _struct("Goal", error=_DOUBLE, residual=_DOUBLE)  # of positions over the
 
 
 class By(IntEnum):
-    """Kinds of directions of change, and what their index and component say."""
+    """Kinds of directions of change, and the meaning of their index and component."""
 
     STIFFNESS = 0  # of a tube; the component is the number of the stiffness
     ROTATION = 1  # of a tube
@@ -69,11 +69,11 @@ class By(IntEnum):
 
 Direction = _struct("Direction", kind=_INT, index=_INT, component=_INT)
 Probe = _struct("Probe", point=_INT, tube=_INT)  # where a point load is, seen in the frame of a tube
-# As many directions and probes of each experiment, one behind the other; tables: changes of the robot's coefficients.
+# The same number of directions and probes for each experiment, in succession; tables: changes of coefficients.
 _LISTS = {"directions": ctypes.POINTER(Direction), "tables": _DOUBLES, "probes": ctypes.POINTER(Probe)}
 Asked = _struct("Asked", **_LISTS, count=_INT, probe_count=_INT)
 
-# -- what it answers ---------------------------------------------------------------------------------------------------
+# -- its answers -------------------------------------------------------------------------------------------------------
 
 ANSWER: Mapping[str, tuple[Any, ...]] = {
     "residual": ("unknowns",),
@@ -87,9 +87,9 @@ ANSWER: Mapping[str, tuple[Any, ...]] = {
     "wrench": (6,),
     "wrench_rates": (6, "columns"),
 }
-"""What the model says of an experiment, SI: by name, its shape; ``columns``: by unknowns, then by directions."""
+"""Shapes of the model's answers for an experiment, SI, by name; ``columns``: unknowns, then directions."""
 
-Answer = _struct("Answer", **dict.fromkeys(ANSWER, _ROOM))  # of experiments one behind the other; NULL: not wanted
+Answer = _struct("Answer", **dict.fromkeys(ANSWER, _ROOM))  # of successive experiments; NULL: not wanted
 
 
 class Failure(IntEnum):
@@ -97,7 +97,7 @@ class Failure(IntEnum):
 
     REFUSED = 1
     NO_MEMORY = 2
-    TOO_SMALL = 3  # the room for the result: Head.NEEDED is what it takes
+    TOO_SMALL = 3  # the memory for the result: it needs Head.NEEDED
     DIVERGED = 10
     SINGULAR = 11
     PERHAPS_ANOTHER_BRANCH = 12
@@ -106,10 +106,10 @@ class Failure(IntEnum):
 
 
 class Head:
-    """Where the numbers stand that a result begins with."""
+    """Positions of the numbers at the beginning of a result."""
 
     ITERATIONS, RESIDUAL, STEPS, LENGTH, REFINEMENTS, NEEDED, COLD = range(7)
-    ERROR = 7  # of positions over the length; negative where it is only known to be below
+    ERROR = 7  # of positions over the length; negative if only an upper bound is known
     FAR = 8  # the start was so far away that Broyden's method failed or was slow
 
 
@@ -143,67 +143,67 @@ class Sizes:
 
     @classmethod
     def of(cls, tubes: int, kind: Kind) -> Sizes:
-        """Those of a number of tubes and a kind."""
+        """The sizes for a number of tubes and a kind."""
         return cls(tubes, State.size(tubes), len(tip_rows(tubes, kind.live)))
 
     @cached_property
     def start(self) -> dict[str, slice]:
-        """What a solve may start from: unknowns, Jacobian and tip conditions there by RK4, units, and its rotations."""
+        """Parts of the block that a solve may start from: unknowns, RK4 Jacobian and conditions, units, rotations."""
         k = self.unknowns
         return slices({"unknowns": k, "jacobian": k * k, "conditions": k, "units": 2, "rotations": self.tubes})
 
     @cached_property
     def _blocks(self) -> dict[str, tuple[int, int]]:
-        """Where the blocks of a result begin: ``a + b steps`` numbers; states behind and before the loads at nodes."""
+        """Beginnings ``a + b steps`` of the blocks of a result; states are behind and before the loads at nodes."""
         start, n = self.start["rotations"].stop, self.states
         sizes = {"head": (_HEAD, 0), "start": (start, 0), "mesh": (0, 2), "right": (n, n), "left": (0, n)}
         ends = accumulate(sizes.values(), lambda a, b: (a[0] + b[0], a[1] + b[1]), initial=(0, 0))
         return dict(zip((*sizes, "size"), ends, strict=True))
 
     def at(self, block: str, steps: int) -> int:
-        """Where a block begins in the result of a solve with this many steps; ``"size"``: where the result ends."""
+        """The beginning of a block in a result with this number of steps; ``"size"``: the end of the result."""
         fixed, step = self._blocks[block]
         return fixed + step * steps
 
     def results(self) -> str:
-        """C text: where the blocks of results begin, and the parts of ``start``."""
+        """C text of the beginnings of the blocks of results, and of the parts of ``start``."""
         parts = {f"START_{name.upper()}": part.start for name, part in self.start.items()}
         rows = [f"#define RESULT_{name.upper()}(n) ({a} + {b} * (n))\n" for name, (a, b) in self._blocks.items()]
         return "".join(rows) + enum(parts)
 
     @property
     def expected(self) -> list[int]:
-        """What the library's ``sizes`` writes."""
+        """The numbers that the library's ``sizes`` must write."""
         return [self.states, self.unknowns, self.at("size", 1), *map(ctypes.sizeof, _STRUCTS)]
 
 
 class Structure:
-    """A structure at an ``address``, whose pointers are those of the arrays among its ``values``."""
+    """A structure at an ``address``; arrays among its ``values`` become its pointers."""
 
     def __init__(self, struct: Any, **values: Any) -> None:
         self.values = values
         self._struct = struct()
         self.address = ctypes.addressof(self._struct)
         for name, x in values.items():
-            if isinstance(x, np.ndarray):  # an address, as pointers of a kind take long to make
+            if isinstance(x, np.ndarray):  # an address, as typed pointers are slow to create
                 _ROOM.from_address(self.address + getattr(struct, name).offset).value = x.__array_interface__["data"][0]
             else:
                 setattr(self._struct, name, x)
 
 
 def columns(struct: Any) -> dict[str, slice]:
-    """Where the fields of a structure of doubles stand in a row of numbers."""
+    """The slices of the fields of a structure of doubles in a row of numbers."""
     return slices({name: ctypes.sizeof(kind) // ctypes.sizeof(_DOUBLE) for name, kind in struct._fields_})
 
 
 def arguments(function: str) -> list[Any]:
     """The ``ctypes`` of a function's arguments: every pointer is an address."""
     whole = {"int": _INT, "long": ctypes.c_long}
-    return [_ROOM if "*" in given else whole[given.split()[0]] for given in FUNCTIONS[function].split(", ")]
+    return [_ROOM if "*" in argument else whole[argument.split()[0]] for argument in FUNCTIONS[function].split(", ")]
 
 
 def declarations() -> str:
-    """C text: structures, enumerations and prototypes."""
+    """C text of the structures, enumerations and prototypes."""
     text = "".join(_declared_struct(struct) for struct in _STRUCTS)
     text += "".join(enum({prefix + name: int(k) for name, k in table.items()}) for prefix, table in _ENUMS.items())
     text += enum({"DIRECTIONS": len(By)}) + "".join(f"EXPORT int {n}({given});\n" for n, given in FUNCTIONS.items())
@@ -229,7 +229,7 @@ def _declared(kind: Any, name: str) -> str:
 
 
 def _answer_of() -> str:
-    """C text: the room for the k-th experiment's answer."""
+    """C text of a function that locates the k-th experiment's answer."""
     sizes = {name: " * ".join(map(str, shape)) for name, shape in ANSWER.items()}
     rows = [f"    all->{name} ? all->{name} + k * {size} : NULL,\n" for name, size in sizes.items()]
     head = "static Answer answer_of(const Answer *all, size_t k, size_t columns, size_t probes) {\n"

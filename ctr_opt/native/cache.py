@@ -1,9 +1,9 @@
 """Compiled libraries on disk, for all processes of one user.
 
-An entry is a library and beside it a record: the key of what it was built from, and the digest of its bytes. Both are
-written under other names and then renamed, so a process killed at any moment leaves no half of a file under an entry's
-name; and whatever else may have happened to the files, nothing is loaded that does not match its record. A note tells
-which text was written from an origin, for text that takes longer to write than its library takes to load.
+An entry is a library with a record: the key of its source, and the digest of its bytes. Both are written under other
+names and then renamed, so a killed process leaves no partial file under an entry's name. A library that does not match
+its record is never loaded. A note says which text was written from an origin, as writing the text can take longer than
+loading its library.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from platformdirs import user_cache_dir
 
 from .compiler import SUFFIX
 
-DIRECTORY = "CTR_OPT_CACHE"  # environment variable: where libraries are kept instead of the user's cache directory
+DIRECTORY = "CTR_OPT_CACHE"  # environment variable: directory of libraries, instead of the user's cache directory
 
 _KEPT = 90 * 86400.0  # seconds for which an unused entry is kept
 _PATIENCE = 150.0  # seconds to wait for another process to compile, longer than a compilation may take
@@ -35,7 +35,7 @@ _OURS = re.compile(rf"\w+-[0-9a-f]{{{_KEY_LETTERS}}}\.(so|dll|record|lock|note)(
 
 @attrs.frozen
 class Kept:
-    """One library of the cache: where it is, what it is called (a word), and the key of what it is built from."""
+    """One library of the cache: its directory, its name (a word), and the key of its source."""
 
     directory: Path
     name: str
@@ -48,24 +48,24 @@ class Kept:
 
     @property
     def record(self) -> Path:
-        """The file that tells what must be in the library."""
+        """The file that says what the library must contain."""
         return self._path(".record")
 
     def _path(self, suffix: str) -> Path:
         return self.directory / f"{self.name}-{self.key[:_KEY_LETTERS]}{suffix}"
 
     def lock(self) -> FileLock:
-        """Held by the one process that builds the entry; the system releases it when the process ends."""
+        """The lock for the process that builds the entry; the system releases it when the process ends."""
         path = self._path(".lock")
         _make_way(path)
         return FileLock(path, timeout=_PATIENCE, mode=0o600)
 
     def load(self) -> ctypes.CDLL | None:
-        """The library; None if it is absent, does not match its record or this key, or does not load."""
+        """Load the library; None if it is absent, does not match its record or this key, or does not load."""
         try:
-            if _read(self.record) != self._told(_read(self.library)):
+            if _read(self.record) != self._record_of(_read(self.library)):
                 return None
-            for path in (self.library, self.record):  # used now
+            for path in (self.library, self.record):  # mark them as used
                 with suppress(OSError):
                     os.utime(path)
             return ctypes.CDLL(str(self.library))
@@ -73,7 +73,7 @@ class Kept:
             return None
 
     def store(self, library: Path) -> ctypes.CDLL:
-        """Keep a new library, forget those unused for long, and load it.
+        """Keep a new library, remove entries unused for long, and load it.
 
         Raises
         ------
@@ -82,12 +82,12 @@ class Kept:
         """
         content = library.read_bytes()
         _write(self.library, content)
-        _write(self.record, self._told(content))
+        _write(self.record, self._record_of(content))
         _prune(self.directory)
         return ctypes.CDLL(str(self.library))
 
     def recall(self) -> str | None:
-        """What was noted under this key, one word; None if nothing was, or what is there is no such note."""
+        """The word noted under this key; None if there is no valid note."""
         path = self._path(".note")
         try:
             note = re.fullmatch(rf"key {self.key}\nnote (\w+)\n", _read(path).decode())
@@ -101,30 +101,30 @@ class Kept:
         """Note a word under this key; raises ``OSError`` if it cannot be written."""
         _write(self._path(".note"), f"key {self.key}\nnote {word}\n".encode())
 
-    def _told(self, content: bytes) -> bytes:
+    def _record_of(self, content: bytes) -> bytes:
         return f"key {self.key}\nsha256 {hashlib.sha256(content).hexdigest()}\n".encode()
 
 
 def cache_directory() -> Path:
-    """The directory of the cache, made if need be.
+    """The directory of the cache, created if necessary.
 
     Raises
     ------
     OSError
-        It cannot be made, or other users may put libraries there, which would be run.
+        It cannot be created, or other users could put libraries there, which would be run.
     """
-    given = os.environ.get(DIRECTORY)
-    path = Path(given).absolute() if given else Path(user_cache_dir("ctr_opt"))
+    chosen = os.environ.get(DIRECTORY)
+    path = Path(chosen).absolute() if chosen else Path(user_cache_dir("ctr_opt"))
     if not path.is_absolute():
         raise OSError("there is no home directory")
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not (_is_ours(path.stat()) and _is_ours(path.lstat())):
-        raise OSError(f"{path} belongs to another user, or others may write there (chmod 700 makes it yours alone)")
+        raise OSError(f"{path} belongs to another user, or other users may write there: run chmod 700 on it")
     return path
 
 
 def _is_ours(status: os.stat_result) -> bool:
-    """Whether this user alone decides what is there; of a link the permissions mean nothing."""
+    """Whether only this user can write there; the permissions of a link have no meaning."""
     if os.name != "posix":
         return True
     shared = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not stat.S_ISLNK(status.st_mode)
@@ -133,8 +133,8 @@ def _is_ours(status: os.stat_result) -> bool:
 
 def _read(path: Path) -> bytes:
     status = path.lstat()
-    if not (stat.S_ISREG(status.st_mode) and _is_ours(status)):  # a pipe would be waited for
-        raise OSError(f"{path} is no file of this user's")
+    if not (stat.S_ISREG(status.st_mode) and _is_ours(status)):  # reading a pipe would wait
+        raise OSError(f"{path} is not a file of this user")
     return path.read_bytes()
 
 
@@ -153,7 +153,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _make_way(path: Path) -> None:
-    """Remove a directory, which no file replaces."""
+    """Remove a directory at this path, as a file cannot replace it."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
 
@@ -161,8 +161,8 @@ def _make_way(path: Path) -> None:
 def _prune(directory: Path) -> None:
     """Remove the files of entries unused for long.
 
-    A process about to load one finds it gone and builds it again; one that holds a lock so old builds beside another,
-    and both write whole files.
+    A process that is about to load such a file finds it missing and builds it again. A process that holds so old a lock
+    builds at the same time as another, and both write whole files.
     """
     oldest = time.time() - _KEPT
     for path in directory.iterdir():

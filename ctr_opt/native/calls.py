@@ -1,4 +1,4 @@
-"""The compiled solver: robots and loads as tables of numbers, and calls through buffers."""
+"""Calls of the compiled solver: robots and loads as tables of numbers, results in buffers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _POINT, _SPAN = abi.columns(abi.PointLoad), abi.columns(abi.SpanLoad)
 
 
 def robot_table(robot: Robot) -> abi.Structure:
-    """A robot as the compiled solver reads it."""
+    """The table of a robot that the compiled solver reads."""
     shapes = [tube.shape for tube in robot.tubes]
     size = max(len(shape.coefficients) for shape in shapes)
     padded = [np.pad(c, ((0, size - len(c)), (0, 0), (0, 0))) for c in (shape.coefficients for shape in shapes)]
@@ -38,7 +38,7 @@ def robot_table(robot: Robot) -> abi.Structure:
 
 
 class LoadRows:
-    """Loads as the compiled solver reads them; ``rows`` says in which row a load's own numbers stand."""
+    """The tables of loads that the compiled solver reads; ``rows`` maps each load to the row of its numbers."""
 
     def __init__(
         self, points: list[tuple[float, ...]], spans: list[tuple[float, ...]], rows: dict[int, int] | None = None
@@ -52,24 +52,24 @@ class LoadRows:
         self.address = self._table.address
 
     def placed(self, points: list[int], s: NDArray[np.float64]) -> LoadRows:
-        """A copy with some rows of points at other arc lengths."""
-        other = copy(self)
+        """A copy with some rows of points moved to other arc lengths."""
+        moved = copy(self)
         point = self._point.copy()
         point[points, _POINT["s"]] = s[:, None]
-        other._hold(point, self._span)
-        return other
+        moved._hold(point, self._span)
+        return moved
 
     def numbers(self, load: Load | None, row: int, field: str) -> NDArray[np.float64]:
-        """A view of a load's numbers, in the row where it stands, or of a probe's (None): may be written to."""
+        """A writable view of the numbers of a load, or of a probe (None), in a row."""
         spans = load is not None and "start" in load.places
         table, parts = (self._span, _SPAN) if spans else (self._point, _POINT)
         return np.asarray(table[row, parts["s" if field == "arc_length" else field]])
 
     @classmethod
     def of(cls, robot: Robot, loads: Sequence[Load], probes: Sequence[tuple[float, int]] = ()) -> LoadRows | None:
-        """The loads, or None where there are some that the compiled solver does not know.
+        """The tables of loads, or None if the compiled solver does not support some load.
 
-        ``probes`` are places, an arc length (not a number: the end) and a tube. They come first, as loads of zero.
+        A probe is an arc length (NaN: the end) and a tube. Probes come first, as loads of zero.
         """
         points: list[tuple[float, ...]] = [(s, tube, *(0.0,) * 7) for s, tube in probes]
         spans: list[tuple[float, ...]] = []
@@ -87,7 +87,7 @@ class LoadRows:
 
 
 def _row(load: Load, push: Push) -> tuple[float, ...] | None:
-    """What acts, with places that ride on the tube's end not numbers; None if it is not constant."""
+    """The row of a push, with NaN for places at the tube's end; None if it is not constant."""
     if not push.constant:
         return None
     places = (np.nan if s is None else s for s in map(load.where, push.places))
@@ -95,12 +95,12 @@ def _row(load: Load, push: Push) -> tuple[float, ...] | None:
 
 
 class Native:
-    """The functions of a compiled library, which take addresses, and the sizes of its results; see ``native/abi.py``.
+    """The functions of a compiled library, which take addresses, and its sizes; see ``native/abi.py``.
 
     Raises
     ------
     CompilationError
-        The library was not made for this table.
+        The library was not built for these structures.
     """
 
     def __init__(self, library: ctypes.CDLL, tubes: int, kind: Kind) -> None:
@@ -110,8 +110,8 @@ class Native:
         library.sizes(numbers)
         if list(numbers) != expected:
             raise CompilationError(
-                f"the compiled library for {tubes} tubes has other structures than ctr_opt.native.abi: compilers of "
-                "Python and of the library must agree; name another one in CC"
+                f"the compiled library for {tubes} tubes has other structures than ctr_opt.native.abi: its compiler "
+                "must agree with that of Python; name another compiler in CC"
             )
         for name in abi.FUNCTIONS:
             function = getattr(library, name)

@@ -1,4 +1,4 @@
-"""C text made into loaded libraries: compiled once per machine, kept on disk, in the background if wanted."""
+"""Libraries from C text: compiled once per machine, kept on disk, in the background on request."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import Any
 
 from ..errors import CompilationError as CompilationError
 from .cache import DIRECTORY, Kept, cache_directory
-from .compiler import FLAGS, TUNINGS, leaving, private_directory, required, switched_off
+from .compiler import FLAGS, SLOWER, TUNINGS, leaving, private_directory, required, switched_off
 from .compiler import Compiler as Compiler
 from .compiler import compiler as compiler
 from .compiler import on_request_only as on_request_only
@@ -28,15 +28,15 @@ _said: dict[str, object] = {}
 
 
 class Source:
-    """C text, or a function that writes it, which is called only where the text must be seen.
+    """C text, or a function that writes it and is called only when the text is needed.
 
     Parameters
     ----------
     text
-        C11, with the functions to call exported; or what writes it.
+        C11 with exported functions, or a function that returns it.
     origin
-        A digest of everything that the text is written from. The cache notes which text came of it: where it is noted,
-        a library is loaded without writing the text.
+        A digest of everything that the text is written from. The cache notes which text resulted from it. A library
+        whose origin is noted is loaded without writing the text.
     """
 
     def __init__(self, text: str | Callable[[], str], origin: str | None = None) -> None:
@@ -44,28 +44,28 @@ class Source:
 
     @cached_property
     def text(self) -> str:
-        """The text, written now if need be."""
+        """The text, written now if necessary."""
         return self._text if isinstance(self._text, str) else self._text()
 
 
 def load(name: str, source: Source | str) -> ctypes.CDLL:
-    """The library compiled from C ``source``: from this process, from the cache on disk, or compiled now.
+    """Load the library for C ``source``: from this process, from the cache on disk, or compiled now.
 
-    A library depends on its text, the compiler and the machine; equal text is never compiled again. Of processes that
-    start at once one compiles, and the others wait for it. A cache that cannot be used or trusted is done without,
-    which is logged once.
+    A library depends on its text, the compiler and the machine; equal text is compiled once. If processes start
+    together, one compiles and the others wait for it. A cache that cannot be used or trusted is bypassed, which is
+    logged once.
 
     Parameters
     ----------
     name
-        A word for the file's name, to tell entries apart when looking at them.
+        A word for the file's name, by which people can distinguish entries.
     source
-        The text, or what writes it.
+        The text, or a :class:`Source`.
 
     Raises
     ------
     CompilationError
-        There is no compiler, compilation is switched off, or the compiler failed: the message has its last lines.
+        There is no compiler, compilation is switched off, or the compiler failed. The message has its last lines.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def load(name: str, source: Source | str) -> ctypes.CDLL:
 
 
 def kept(name: str, source: Source) -> ctypes.CDLL | None:
-    """The library of what was written from this origin, if it was compiled before.
+    """The library for the source's origin, if it was compiled before.
 
     Nothing is written, compiled or logged.
     """
@@ -118,13 +118,13 @@ def _load(name: str, key: str, text: str, chosen: Compiler) -> ctypes.CDLL:
 
 
 def _build(entry: Kept | None, text: str, chosen: Compiler) -> ctypes.CDLL:
-    """Compile in a private directory, into which no other process looks, and keep the result if possible."""
+    """Compile in a private directory and keep the result if possible."""
     built = None
     with private_directory() as directory:
         if entry is not None:
             try:
                 with entry.lock():
-                    library = entry.load()  # another process may have built it meanwhile
+                    library = entry.load()  # another process may have built it in the meantime
                     if library is not None:
                         return library
                     built = chosen.build(text, directory)
@@ -139,13 +139,13 @@ def _build(entry: Kept | None, text: str, chosen: Compiler) -> ctypes.CDLL:
 
 
 def _cannot_keep(error: OSError) -> None:
-    _warn_once(f"compiled code is not kept for the next time: {error}; {DIRECTORY} names another directory")
+    _warn_once(f"compiled code is not kept for later processes: {error}; set {DIRECTORY} to another directory")
 
 
 def _key(text: str, chosen: Compiler) -> str:
-    """Digest of all that the library depends on, given that of its text.
+    """Digest of everything that the library depends on, from the digest of its text.
 
-    The tuning chosen follows from compiler and processor.
+    The tuning follows from compiler and processor.
     """
     parts: list[Any] = [text, chosen.command, chosen.version, FLAGS, TUNINGS]
     return _digest(json.dumps([*parts, sys.platform, platform.machine(), _processor()]))
@@ -157,7 +157,7 @@ def _digest(text: str) -> str:
 
 @cache
 def _processor() -> str:
-    """What tells processors apart for the compiler: on Linux the features, elsewhere the model."""
+    """The processor as far as the compiler depends on it: its features on Linux, its model elsewhere."""
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():
             if line.startswith(("flags", "Features")):
@@ -166,9 +166,9 @@ def _processor() -> str:
 
 
 class Build:
-    """A library being built in a thread, which is never waited for unless asked; see :func:`load`.
+    """A library that a thread builds in the background; see :func:`load`.
 
-    ``error`` says why there will be none; it was logged, once per process.
+    ``error`` says why the build failed; it was logged, once per process.
     """
 
     def __init__(self, name: str, source: Source) -> None:
@@ -183,7 +183,7 @@ class Build:
 
     def _work(self) -> None:
         try:
-            required()  # before the source is written in vain
+            required()  # first, as writing the source would be in vain
             self._library = load(self._name, self._source)
         except Exception as error:
             self._fail(error)
@@ -191,15 +191,15 @@ class Build:
     def _fail(self, error: Exception) -> None:
         self.error = error
         if leaving.is_set() or switched_off() or compiler() is None:
-            return  # nobody to tell, the user's choice, or told when the compiler was looked for
-        _warn_once(f"compilation failed, and CasADi's virtual machine is used, about ten times slower: {error}")
+            return  # at exit, by the user's choice, or already logged when the compiler was searched
+        _warn_once(f"compilation failed, so ctr_opt runs in CasADi's virtual machine, {SLOWER}: {error}")
 
     def ready(self) -> bool:
-        """Whether the library is there; does not wait."""
+        """Whether the library is built; does not wait."""
         return self._library is not None
 
     def result(self, timeout: float | None = None) -> ctypes.CDLL | None:
-        """The library, waited for at most ``timeout`` seconds; None if it is not there by then, or failed."""
+        """The library, after at most ``timeout`` seconds; None if it is not built by then, or failed."""
         if self._thread.ident is not None:
             self._thread.join(timeout)
         return self._library

@@ -1,4 +1,4 @@
-"""The system's C compiler: which one it is, and how it is run without hanging or being left behind."""
+"""The system's C compiler: which one is used, and how it runs without hanging or being left behind."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ import attrs
 
 from ..errors import CompilationError
 
-SWITCH = "CTR_OPT_COMPILE"  # environment variable: "0" switches compilation off, "request" compiles only when asked to
+SWITCH = "CTR_OPT_COMPILE"  # environment variable: "0" switches compilation off, "request" compiles on request only
 FLAGS = (
     *("-O3", "-std=c11", "-shared", *(() if os.name == "nt" else ("-fPIC",))),
     # Fused multiply-add, which -std=c11 forbids, gains a fifth. Never -ffast-math: it removes the checks for NaN.
@@ -29,17 +29,19 @@ FLAGS = (
 )
 TUNINGS = ("-march=native", "-mcpu=native")  # the first that the compiler and its assembler accept is used
 SUFFIX = ".dll" if os.name == "nt" else ".so"  # of a library
+SLOWER = "where an integration takes about 25 times and a solve 300 to 600 times as long"
+"""The cost of running without compiled code, as measured in ``docs/evidence/performance.md``."""
 
 _USUAL = ("cc", "gcc", "clang")
 _TIMEOUT = 120.0  # seconds for one compilation
-_ANSWER = 10.0  # seconds to tell the version
-_LINES = 20  # of what the compiler says are kept
+_ANSWER = 10.0  # seconds to print the version
+_LINES = 20  # of the compiler's output are kept
 _TRIAL = "void f(double *a, const double *b) { for (int i = 0; i < 64; i++) a[i] += a[i] * b[i]; }\n"
 
 _LOG = logging.getLogger(__name__)
 _lock = threading.Lock()
 _starting = threading.RLock()  # held to start what must be ended when the interpreter exits
-leaving = threading.Event()  # set when the interpreter exits: what fails from then on is not worth a word
+leaving = threading.Event()  # set when the interpreter exits: later failures are not reported
 _running: set[subprocess.Popen[bytes]] = set()
 _private: set[Path] = set()
 
@@ -53,7 +55,7 @@ class Compiler:
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """What libraries are compiled with."""
+        """The flags with which libraries are compiled."""
         return (*FLAGS, *_tuning(self))
 
     def build(self, source: str, directory: Path) -> Path:
@@ -71,12 +73,12 @@ class Compiler:
         command = (*self.command, *flags, "-o", str(library), str(code), "-lm")
         try:
             code.write_text(source, encoding="utf-8")
-            status, said = _run(command, timeout, directory)
+            status, output = _run(command, timeout, directory)
         except OSError as error:
             raise CompilationError(f"cannot compile: {error}") from error
         if status != 0 or not library.is_file():
             ending = "took too long and was stopped" if status is None else f"ended with status {status}"
-            last = "\n".join(said.splitlines()[-_LINES:])
+            last = "\n".join(output.splitlines()[-_LINES:])
             raise CompilationError(f"the C compiler {ending}: {shlex.join(command)}\n{last}".rstrip())
         return library
 
@@ -87,54 +89,55 @@ def switched_off() -> bool:
 
 
 def on_request_only() -> bool:
-    """Whether the environment forbids compilation but where it is asked for."""
+    """Whether the environment allows compilation on request only."""
     return os.environ.get(SWITCH, "").strip() == "request"
 
 
 def required() -> Compiler:
-    """The system's C compiler; a :class:`CompilationError` if there is none or it must not be used."""
+    """The system's C compiler; raises ``CompilationError`` if there is none or it must not be used."""
     if switched_off():
         raise CompilationError(f"compilation is switched off by {SWITCH}=0")
-    found = compiler()
-    if found is None:
-        raise CompilationError(_none_found())
-    return found
+    available = compiler()
+    if available is None:
+        raise CompilationError(_no_compiler())
+    return available
 
 
 def compiler() -> Compiler | None:
-    """The system's C compiler: ``$CC`` if set, which may hold arguments, else the first of cc, gcc and clang.
+    """The system's C compiler: ``$CC``, which may hold arguments, or the first of cc, gcc and clang.
 
-    None if there is none, which is logged once, or compilation is switched off. It is asked once per process.
+    None if there is no compiler, which is logged once, or if compilation is switched off. The search runs once per
+    process.
     """
     if switched_off():
         return None
     with _lock:
-        return _find(_given(), os.environ.get("PATH"))
+        return _find(_requested(), os.environ.get("PATH"))
 
 
-def _given() -> str:
+def _requested() -> str:
     return os.environ.get("CC", "").strip()
 
 
-def _none_found() -> str:
+def _no_compiler() -> str:
     return (
-        f"no C compiler found ({f'CC={_given()}' if _given() else ', '.join(_USUAL)}): ctr_opt works in CasADi's "
-        "virtual machine, about ten times slower; install gcc or clang, name a compiler in CC, or set "
-        f"{SWITCH}=0 to go without"
+        f"no C compiler found ({f'CC={_requested()}' if _requested() else ', '.join(_USUAL)}): ctr_opt runs in "
+        f"CasADi's virtual machine, {SLOWER}; install gcc or clang, name a compiler in CC, or set {SWITCH}=0 to run "
+        "without a compiler"
     )
 
 
 @cache
-def _find(given: str, path: str | None) -> Compiler | None:
-    for words in [_words(given)] if given else [[name] for name in _USUAL]:
+def _find(requested: str, path: str | None) -> Compiler | None:
+    for words in [_words(requested)] if requested else [[name] for name in _USUAL]:
         program = shutil.which(words[0], path=path)
         if program is not None:
             command = (str(Path(program).absolute()), *words[1:])
             with suppress(OSError):
-                status, said = _run((*command, "--version"), _ANSWER)
-                if status == 0 and said.strip():
-                    return Compiler(command, said.strip().splitlines()[0])
-    _LOG.warning(_none_found())
+                status, answer = _run((*command, "--version"), _ANSWER)
+                if status == 0 and answer.strip():
+                    return Compiler(command, answer.strip().splitlines()[0])
+    _LOG.warning(_no_compiler())
     return None
 
 
@@ -147,7 +150,7 @@ def _words(command: str) -> list[str]:
 
 @cache
 def _tuning(tried: Compiler) -> tuple[str, ...]:
-    """The flag by which the compiler uses all of this processor, if it takes one."""
+    """The flag that makes the compiler use all features of this processor, if it accepts one."""
     for flag in TUNINGS:
         with private_directory() as directory, suppress(CompilationError):
             tried._build(_TRIAL, directory, (*FLAGS, flag), _ANSWER)
@@ -157,7 +160,7 @@ def _tuning(tried: Compiler) -> tuple[str, ...]:
 
 @contextmanager
 def private_directory() -> Iterator[Path]:
-    """A new directory that nobody else can read or write, removed at the end or when the interpreter exits.
+    """A new directory that only this user can access, removed at the end or when the interpreter exits.
 
     Raises
     ------
@@ -178,11 +181,10 @@ def private_directory() -> Iterator[Path]:
 
 
 def _run(command: tuple[str, ...], timeout: float, directory: Path | None = None) -> tuple[int | None, str]:
-    """Exit status, None after ``timeout`` seconds, and all that the command said.
+    """Run a command: its exit status, None after ``timeout`` seconds, and its output.
 
-    Its own temporary files are in ``directory``, so that they go with it when the command is killed.
-
-    The output goes to a file, as a pipe stays open, and is waited for, while any child of the compiler lives.
+    Temporary files of the command are in ``directory`` and are removed with it if the command is killed. The output
+    goes to a file: a pipe would stay open while any child of the compiler lives.
     """
     with tempfile.TemporaryFile() as output:
         with _until_exit():
@@ -207,7 +209,7 @@ def _run(command: tuple[str, ...], timeout: float, directory: Path | None = None
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End a process and those that it started, unless it has ended."""
+    """End a process and its children, unless it has ended."""
     if process.poll() is not None:
         return
     with suppress(OSError):
@@ -228,7 +230,7 @@ def _until_exit() -> Iterator[None]:
 
 @atexit.register
 def _leave_nothing_behind() -> None:
-    """Threads that wait for a compiler end with the interpreter; the compiler and its files would stay."""
+    """End running compilers and remove their files at exit; they would outlive the threads that wait for them."""
     with _starting:
         leaving.set()
     for process in list(_running):
@@ -238,7 +240,7 @@ def _leave_nothing_behind() -> None:
 
 
 def _forget_parent() -> None:
-    """In a forked process: the compilers and directories are the parent's, and its threads will release no lock."""
+    """Reset a forked process: compilers and directories are the parent's, and no thread will release its locks."""
     global _lock, _starting
     _lock, _starting = threading.Lock(), threading.RLock()
     _running.clear()
@@ -246,8 +248,8 @@ def _forget_parent() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    # No fork while a compiler starts: Popen waits for all copies of a pipe to be closed, and the forked process, which
-    # would have one, may wait for the library.
+    # No fork while a compiler starts: Popen waits until all copies of a pipe are closed. The forked process would hold
+    # a copy, and may itself wait for the library.
     os.register_at_fork(
         before=lambda: _starting.acquire() and None,
         after_in_parent=lambda: _starting.release(),

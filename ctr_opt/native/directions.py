@@ -1,4 +1,4 @@
-"""Parameters as combinations of the directions that compiled code knows."""
+"""Parameters as combinations of the directions of change that compiled code supports."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ..robot.tube import SOURCES, STIFFNESSES, Tube
 from .abi import By
 
 _Row: TypeAlias = tuple[By, int, int]
-_Parts: TypeAlias = Mapping[_Row, float]  # what a number takes of directions
-_STEP = 1e-30j  # so small that real parts stay as they are
+_Parts: TypeAlias = Mapping[_Row, float]  # a number as a combination of directions
+_STEP = 1e-30j  # so small that real parts do not change
 
 
 @attrs.frozen(eq=False)
 class Directions:
-    """Directions, the changes of precurvature among them, and parameters as combinations ``(rows, parameters)``."""
+    """Directions, tables of changes of precurvature, and parameters as combinations ``(rows, parameters)``."""
 
     rows: list[_Row]
     tables: Array
@@ -33,13 +33,13 @@ class Directions:
 
     @classmethod
     def of(cls, robot: Robot, loads: Sequence[Load], load_rows: Mapping[int, int], names: Sequence[str]) -> Directions:
-        """Those of the named parameters; ``load_rows`` says in which row each load stands, behind the probes'."""
+        """The directions of the named parameters; ``load_rows`` maps loads to rows, behind those of the probes."""
         columns: list[_Parts] = []
         tables: list[Array] = []
         for name in names:
             numbers = _numbers(name, robot, loads, load_rows, tables)
             if numbers is None:
-                raise DefinitionError(f"{name!r}: compiled code takes no derivatives by it")
+                raise DefinitionError(f"{name!r}: compiled code does not support derivatives by this parameter")
             columns += numbers
         rows = list(dict.fromkeys(row for parts in columns for row in parts))
         combination = np.array([[parts.get(row, 0.0) for parts in columns] for row in rows])
@@ -47,24 +47,24 @@ class Directions:
 
 
 def supported(name: str, robot: Robot, loads: Sequence[Load] = ()) -> bool:
-    """Whether compiled code takes derivatives by this parameter.
+    """Whether compiled code supports derivatives by this parameter.
 
-    By ``rotations``, ``translations``, ``base.translation``, ``base.rotation``; stiffnesses, moduli and, without
-    weights, diameters of tubes; curvatures and coefficients of their pieces; force, moment and arc length of point
-    wrenches, arc lengths of point masses, force and moment of constant distributed loads.
+    It supports ``rotations``, ``translations``, ``base.translation`` and ``base.rotation``; stiffnesses, moduli and
+    (without weight) diameters of tubes; curvatures and coefficients of their pieces; force, moment and arc length of
+    point wrenches; arc lengths of point masses; force and moment of constant distributed loads.
     """
     return _numbers(name, robot, loads, dict.fromkeys(range(len(loads)), 0), []) is not None
 
 
 def _plain(kind: By, places: Iterable[tuple[int, int]]) -> list[_Parts]:
-    """One direction for each number."""
+    """One direction for each of the numbers at ``places``."""
     return [{(kind, *place): 1.0} for place in places]
 
 
 def _numbers(
     name: str, robot: Robot, loads: Sequence[Load], load_rows: Mapping[int, int], tables: list[Array]
 ) -> list[_Parts] | None:
-    """The numbers of a parameter, whose changes of precurvature join the ``tables``; None if it is not known."""
+    """The numbers of a parameter, None if not supported; its changes of precurvature are added to ``tables``."""
     match parsed(name):
         case ("rotations" | "translations" as actuated,):
             return _plain(By[actuated[:-1].upper()], ((i, 0) for i in range(len(robot.tubes))))
@@ -85,15 +85,15 @@ def _numbers(
 def _of_load(
     j: int, field: str, robot: Robot, loads: Sequence[Load], load_rows: Mapping[int, int]
 ) -> list[_Parts] | None:
-    """Of a load that comes to one row, those of its numbers that stand there as they are."""
+    """The numbers of a load with a single row, if the row contains them unchanged."""
     load, pushes = loads[j], [push for k, push in lowered(robot, loads) if k == j]
     if len(pushes) != 1 or not pushes[0].constant or field not in load.fields:
         return None
-    (push,), given = pushes, getattr(load, field)
+    (push,), value = pushes, getattr(load, field)
     spans = "SPAN_" if len(push.places) > 1 else ""
-    if field in ("force", "moment") and getattr(push, field) is given:
+    if field in ("force", "moment") and getattr(push, field) is value:
         return _plain(By[spans + field.upper()], ((load_rows[j], r) for r in range(3)))
-    if field in push.places and not spans and given is not None:
+    if field in push.places and not spans and value is not None:
         return _plain(By.PLACE, [(load_rows[j], 0)])
     return None
 
@@ -120,9 +120,9 @@ def _basis(piece: Piece) -> list[Array]:
 
 
 def _stiffness_rates(tube: Tube, field: str, loads: Sequence[Load]) -> dict[str, float] | None:
-    """Derivatives of the stiffnesses by one of them, a modulus or a diameter; None of what changes more than these.
+    """Derivatives of the stiffnesses by a stiffness, a modulus or a diameter; None if it changes more than these.
 
-    By a complex step; there are none of stiffnesses that are given.
+    They are taken by a complex step. Stiffnesses that the user gave have no derivatives.
     """
     if field in Stiffness.names():
         return {field: 1.0}

@@ -1,7 +1,7 @@
 """The symbolic model as routines to be written in C: rates, their derivatives by parts, point loads.
 
-The derivative of a state's rate is applied in two sparse products, by way of the turn ``phi`` of the backbone frame and
-the change of its curvature ``u_xy``: that takes a third of the operations of the plain Jacobian.
+The derivative of a state's rate is applied in two sparse products. The intermediate quantities are the turn ``phi`` of
+the backbone frame and the change of its curvature ``u_xy``. That takes a third of the operations of the plain Jacobian.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ TUBES = (*Stiffness.names(), "precurvature")  # data of the tubes alone
 
 
 def lanes(count: int) -> int:
-    """The next multiple of what processors take side by side."""
+    """The count rounded up to a multiple of four, which processors handle side by side."""
     return 4 * ((count + 3) // 4)
 
 
 class Equations:
-    """The symbols of one place along the robot, and the routines made of them."""
+    """The symbols of one place along the robot, and the routines made from them."""
 
     def __init__(self, tubes: int, kind: Kind) -> None:
         self.tubes, self.kind = tubes, kind
@@ -48,16 +48,16 @@ class Equations:
         self.local = self.layout.local(self.column, 0, self.state)
 
     def at_nodes(self, name: str) -> bool:
-        """Whether every node of a step has data of this name, or all share them."""
+        """Whether every node of a step has its own data of this name; otherwise all nodes share them."""
         return self.layout.table[name].at_nodes
 
     def routines(self) -> list[Routine]:
-        """Rates, their derivatives, and the effect of a point load."""
+        """The routines for rates, their derivatives, and the effect of a point load."""
         x, point = {"x": self.x}, {"x": self.x, "point": self.point}
         rates = Routine("rates", self._inputs, {"rate": self._rate})
         slopes = self._slopes("slopes", self._plain, self._plain)
         turned, frame = _nonzeros(self._turn_rows), rotation_matrix(self.state.orientation).T  # row by row
-        every = [
+        common = [
             *(rates, self._free(rates), slopes, self._free(slopes)),
             self._slopes("slopes_by_data", self._by_tubes, self._by_everything),
             self._free(self._slopes("slopes_by_data", self._by_tubes, self._by_tubes)),
@@ -66,17 +66,17 @@ class Equations:
             Routine("attitude", x, {"frame": frame, "inner": turned}),
             *(self._hamiltonian(), _transmission(), _straightened()),
         ]
-        return every if self.kind.live else [*every, *self._second_variation()]
+        return common if self.kind.live else [*common, *self._second_variation()]
 
     def products(self) -> str:
-        """The sparse products that belong to the derivatives."""
+        """C text of the sparse products for the derivatives."""
         return "".join(product(name, matrix, parts, to) for name, matrix, parts, to in self._products.values())
 
     @cached_property
     def _products(self) -> dict[str, tuple[str, ca.SX, list[tuple[str, int]], str]]:
         """Sparse products by the name of their count of nonzeros: name, matrix, what it is applied to, and result."""
         along, turn, part = ("along", State.size(self.tubes)), ("part", 3), ("part", 5)
-        tubes, every = (("change", sum(self.data[name].numel() for name in names)) for names in (TUBES, self.data))
+        tubes, everything = (("change", sum(self.data[name].numel() for name in names)) for names in (TUBES, self.data))
         (inner, outer), (inner_by_data, outer_by_tubes) = self._plain, self._by_tubes
         outer_by_data = self._by_everything[1]
         return {
@@ -84,14 +84,14 @@ class Equations:
             "OUTER": ("apply_slopes", outer, [along, part], "out"),
             "INNER_BY_DATA": ("apply_by_parts_and_data", inner_by_data, [along, tubes], "part"),
             "OUTER_BY_TUBES": ("apply_slopes_and_tubes", outer_by_tubes, [along, part, tubes], "out"),
-            "OUTER_BY_DATA": ("apply_slopes_and_data", outer_by_data, [along, part, every], "out"),
+            "OUTER_BY_DATA": ("apply_slopes_and_data", outer_by_data, [along, part, everything], "out"),
             "BEHIND_INNER": ("apply_turn", self._turn_rows, [along], "part"),
             "BEHIND_OUTER": ("apply_behind", self._behind, [along, turn], "out"),
         }
 
     @property
     def _point_parts(self) -> dict[str, slice]:
-        """Where the parts of a point load stand in its data."""
+        """The slices of the parts of a point load in its data."""
         parts = self.layout.parts.items()
         return slices({name: part.stop - part.start for name, part in parts if name.startswith("point_")})
 
@@ -109,7 +109,7 @@ class Equations:
         return Routine(name, self._inputs, outputs)
 
     def _free(self, routine: Routine) -> Routine:
-        """A routine where no load acts along the step."""
+        """A routine for steps without distributed loads."""
         loads = [self.data[name] for name in self.data if name not in TUBES]
         zeros = [ca.SX.zeros(*load.shape) for load in loads]
         values = ca.substitute(list(routine.outputs.values()), loads, zeros)
@@ -145,7 +145,7 @@ class Equations:
         return self._by(self.data)
 
     def _there(self, matrix: ca.SX) -> ca.SX:
-        """A derivative by parts at the state itself."""
+        """A derivative by parts, evaluated at the state itself."""
         frame = rotation_matrix(self.state.orientation)
         symbols = ca.vertcat(self.turn, ca.vec(self.frame))
         return ca.sparsify(ca.substitute(matrix, symbols, ca.vertcat(ca.SX.zeros(3), ca.vec(frame))))
@@ -156,7 +156,7 @@ class Equations:
 
     @cached_property
     def _behind(self) -> ca.SX:
-        """Derivative of the state behind a point load by that in front of it and ``phi``."""
+        """Derivative of the state behind a point load by the state in front of it and ``phi``."""
         after = boundary.jump_at(self.state, *self._load, self.turned_frame).joined()
         return self._there(ca.jacobian(after, ca.vertcat(self.x, self.turn)))
 
@@ -168,13 +168,14 @@ class Equations:
         return Routine("hamiltonian", self._inputs, outputs)
 
     def _second_variation(self) -> list[Routine]:
-        """The parts of the count of negative directions; directions stand row by row, other matrices by columns."""
+        """Routines that count negative directions; directions are stored by rows, other matrices by columns."""
         functions = second_variation_functions(self.tubes, "RK8", self.kind)
         count, width = 2 * functions.size, lanes(2 * functions.size)
         rows = functions.directions(self.x)[:, 1:].T
         along = ca.SX.sym("along", width, State.size(self.tubes))
         column = ca.SX.sym("column", functions.shooting.columns.size)
-        transfer, _, flexibility, doubtful, defect = functions.told(ca.horzcat(self.x, along[:count, :].T), column)
+        ahead = ca.horzcat(self.x, along[:count, :].T)
+        transfer, _, flexibility, doubtful, defect = functions.step_results(ahead, column)
         results = {"transfer": transfer, "flexibility": flexibility, "doubtful": doubtful, "defect": defect}
         n = functions.size
         w, t, f = ca.SX.sym("W", n, n), ca.SX.sym("T", 2 * n, 2 * n), ca.SX.sym("flexibility", n)
@@ -191,7 +192,7 @@ class Equations:
         ]
 
     def sizes(self) -> dict[str, int]:
-        """Sizes by their names in C, and where the parts of a state and of the data begin."""
+        """Sizes by their names in C, and the beginnings of the parts of a state and of the data."""
         tubes, size = self.tubes, {name: symbol.numel() for name, symbol in self.data.items()}
         data, shared = sum(size.values()), sum(size[name] for name in size if not self.at_nodes(name))
         names = {
@@ -223,12 +224,12 @@ def _transmission() -> Routine:
 
 
 def _straightened() -> Routine:
-    """The Hamiltonian of a tube alone that is held straight, SI, and its derivatives."""
+    """The Hamiltonian of a tube alone held straight, SI, and its derivatives."""
     torque, preset, (symbols, stiffness) = ca.SX.sym("torque"), ca.SX.sym("preset", 3), _stiffness()
     value = law.straight_hamiltonian(torque, preset, stiffness)
-    given = {"torque": torque, "preset": preset, "stiffness": symbols}
-    slopes = {f"by_{name}": ca.gradient(value, symbol) for name, symbol in given.items()}
-    return Routine("straightened", given, {"value": value, **slopes})
+    inputs = {"torque": torque, "preset": preset, "stiffness": symbols}
+    slopes = {f"by_{name}": ca.gradient(value, symbol) for name, symbol in inputs.items()}
+    return Routine("straightened", inputs, {"value": value, **slopes})
 
 
 def _jacobian(of: ca.SX, first: ca.SX, then: ca.SX) -> ca.SX:

@@ -1,4 +1,4 @@
-"""The C source of a compiled solver: the generated routines, the table of ``abi.py`` and the headers around them."""
+"""The C source of a compiled solver: generated routines, declarations from ``abi.py``, and headers."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def library_source(tubes: int, kind: Kind) -> str:
 
 
 def _constants(equations: Equations) -> str:
-    """Numbers that the symbolic model decides."""
+    """C text of the numbers that the symbolic model determines."""
     sizes = {name: symbol.numel() for name, symbol in equations.data.items()}
     stages = {"MOST_STAGES": max(len(runge_kutta(name).nodes) for name in _INTEGRATORS)}
     text = "".join(f"static const double {name} = {value!r};\n" for name, value in _NUMBERS.items())
@@ -63,7 +63,7 @@ def _tableaus() -> str:
 
 
 def _header(name: str, kind: Kind) -> str:
-    """A header's text for a kind."""
+    """The text of a header for a kind."""
     return "".join(_chosen(_read(name), {flag.upper(): flag in kind.flags for flag in kind.known_flags()}))
 
 
@@ -72,11 +72,11 @@ def _read(name: str) -> str:
 
 
 def _chosen(text: str, flags: dict[str, bool]) -> Iterator[str]:
-    """The lines of C text for flags that are on or off, without the ``#if FLAG``, ``#else`` and ``#endif`` of these.
+    """The lines of C text for the given flags, without their ``#if FLAG``, ``#else`` and ``#endif``.
 
-    So that the text of one kind does not know that there are others.
+    The text of one kind is then independent of other kinds.
     """
-    kept: list[bool | None] = []  # of each open #if: whether its lines are kept; None: not a flag's
+    kept: list[bool | None] = []  # for each open #if: whether its lines are kept; None: not for a flag
     for line in text.splitlines(keepends=True):
         words = line.split()
         directive = words[0] if words else ""
@@ -97,7 +97,7 @@ def _chosen(text: str, flags: dict[str, bool]) -> Iterator[str]:
 
 @cache
 def origin(tubes: int, kind: Kind) -> str:
-    """Digest of all that a library's source is written from: known at once, and another one after any edit."""
+    """Digest of everything that a library's source is written from; it changes with any edit."""
     digest = hashlib.sha256(f"{tubes} {kind.flags} {ca.CasadiMeta.version()}".encode())
     package = files("ctr_opt")
     for name in _WRITTEN_FROM:

@@ -1,4 +1,4 @@
-"""Which compiled library serves a number of tubes and a kind, and when it is built."""
+"""The compiled library for a number of tubes and a kind, and when it is built."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from . import compile as compilation
 from .calls import Native
 from .generate import library_source, origin
 
-_ENOUGH = 10  # solves in one process that were worth a library: then it is built in the background
+_ENOUGH = 10  # solves in one process after which a library is built in the background
 
 
 class Library:
-    """The library for a number of tubes and a kind: taken from the disk if it is there, or built."""
+    """The library for a number of tubes and a kind, loaded from disk or built."""
 
     def __init__(self, tubes: int, kind: Kind) -> None:
         self._arguments = (tubes, kind)
@@ -29,7 +29,7 @@ class Library:
         return compilation.Source(partial(library_source, *self._arguments), origin(*self._arguments))
 
     def ready(self) -> Native | None:
-        """The library if it is there, for who did not request it; never waits for the compiler."""
+        """The library if it is available without a request; never waits for the compiler."""
         if compilation.on_request_only():
             return None
         if self._native is None:
@@ -37,7 +37,7 @@ class Library:
         return self._native
 
     def built(self) -> Native:
-        """The library, waited for; raises ``CompilationError`` where there is none."""
+        """The library, after compilation if necessary; raises ``CompilationError``."""
         return self._native or self._made(compilation.load(self._name, self._source))
 
     def _made(self, library: ctypes.CDLL) -> Native:
@@ -50,7 +50,7 @@ class Library:
         if self._asked == 1:
             library = compilation.kept(self._name, self._source)
         elif self._asked == _ENOUGH and compilation.compiler() is not None:
-            _ = self._source.text  # written here and not in the thread: CasADi's symbols are of one thread
+            _ = self._source.text  # written here, as CasADi's symbols belong to one thread
             self._build = compilation.Build(self._name, self._source)
         elif self._build is not None and self._build.ready():
             library = self._build.result()
@@ -60,7 +60,7 @@ class Library:
 
 @cache
 def library(tubes: int, kind: Kind) -> Library:
-    """The library of this process."""
+    """The library for a number of tubes and a kind in this process."""
     return Library(tubes, kind)
 
 

@@ -1,7 +1,8 @@
 """Residuals and predictions of many experiments at given unknowns, with exact derivatives, by compiled code.
 
-What estimates need of one robot that was seen in several experiments: not equilibria, but how far given moments at the
-entry point are from one, where the robot would then be, and how both change with the unknowns and with parameters.
+Estimates from several experiments with one robot use these instead of equilibria. For given moments at the entry point
+they give the residual of the equilibrium conditions and the predicted measurements, and the derivatives of both by the
+unknowns and by parameters.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ from .calls import LoadRows, robot_table
 from .directions import Directions, supported
 from .library import library
 
-__all__ = ["ModelValues", "Predictions", "supported", "told"]
+__all__ = ["ModelValues", "Predictions", "predictable", "supported"]
 
-_TOLD = {  # where the model tells quantities, and their derivatives
+_ANSWERS = {  # the answers that contain each quantity and its derivatives
     "pose": ("poses", "rates"),
     "tube_curvature": ("curvatures", "curvature_rates"),
     "actuator_force": ("forces", "force_rates"),
@@ -38,24 +39,24 @@ _TOLD = {  # where the model tells quantities, and their derivatives
 }
 Experiment: TypeAlias = tuple[Actuation, Sequence[Load]]
 _Probe: TypeAlias = tuple[float, int, int]
-"""An arc length, not a number at the end, the tube that it is on, and that in whose frame something is observed."""
+"""An arc length (NaN: the end), its tube, and the tube in whose frame something is observed."""
 
 
 @attrs.frozen(eq=False)
 class ModelValues:
-    """What the model says of ``e`` experiments; rows of failed ones are not numbers.
+    """The model's answers for ``e`` experiments; rows of failed experiments are NaN.
 
     Attributes
     ----------
     residual, slopes
-        ``(e, unknowns)``, N m and N: what is left of the conditions at the tip; its derivatives ``(e, unknowns,
-        unknowns + parameters)``.
+        Residual of the conditions at the tip, ``(e, unknowns)``, N m and N, and its derivatives
+        ``(e, unknowns, unknowns + parameters)``.
     observed
         Values of the observables, and their derivatives by unknowns and parameters.
     failed
-        ``(e,)``: zero, or why there is nothing.
+        ``(e,)``: zero, or the reason of failure.
     rates
-        All arrays of derivatives, of which those above are views.
+        All arrays of derivatives; the ones above are views of them.
     """
 
     residual: Array
@@ -66,29 +67,28 @@ class ModelValues:
 
 
 class Predictions:
-    """Experiments with one robot before its compiled model.
+    """Residuals and predictions of experiments with one robot, by its compiled model.
 
     Parameters
     ----------
     robot
         The robot.
     names
-        Parameters by which derivatives are taken, see ``supported``; those of loads are of each experiment's own.
+        Parameters by which derivatives are taken, see ``supported``. Names of loads refer to each experiment's loads.
     experiments
-        Actuation and loads of each.
+        The actuation and loads of each experiment.
     observables
-        What is predicted in every experiment, see ``told``.
+        The observables predicted in every experiment, see ``predictable``.
     places
-        ``(e, k)``, m: arc lengths of the observables at places, in their order, in each experiment; not a number: the
-        end of the tube. Default: their own, and of those somewhere 0.
+        ``(e, k)``, m: arc lengths of the observables at places, in their order, in each experiment; NaN: the end of the
+        tube. Default: those of the observables, and 0 if their place is estimated.
     refinements
-        How often the steps are halved.
+        Number of times that all steps are halved.
 
     Raises
     ------
     DefinitionError
-        A name that is not supported; a load or an observable that compiled code does not know; a place that is not on
-        its tube.
+        A parameter, load or observable that compiled code does not support; a place beyond its tube.
     CompilationError
         There is no compiler.
 
@@ -132,14 +132,14 @@ class Predictions:
         self._ask(self._directions(names, experiments), probes)
 
     def _check(self, names: Sequence[str], experiment: Experiment) -> None:
-        """Raise an error for names that are none, stand twice, or do not act, and for observables that are not told."""
+        """Raise an error for unknown, repeated or inactive names, and for observables that are not predictable."""
         chosen(parameters(self.robot, *experiment), names)
         for k, one in enumerate(self.observables):
-            if not told(one, self.robot):
-                raise DefinitionError(f"observables[{k}] = {one!r}: compiled code does not tell it of this robot")
+            if not predictable(one, self.robot):
+                raise DefinitionError(f"observables[{k}] = {one!r}: compiled code cannot predict it for this robot")
 
     def _ask(self, asked: list[Directions], probes: list[list[_Probe]]) -> None:
-        """The questions of every experiment; its probes' rows are the first of its point loads."""
+        """Prepare the queries of all experiments; the rows of probes are the first point loads."""
         self._combination = asked[0].combination
         self.parameters = self._combination.shape[1]
         self._plain = np.array_equal(self._combination, np.eye(len(self._combination)))
@@ -152,31 +152,31 @@ class Predictions:
         sizes = {"unknowns": self.unknowns, "columns": self.unknowns + counts[0], "probes": counts[1]}
         sizes["tubes"] = len(self.robot.tubes)
         names = [one.name for one in self.observables]
-        left_out = [part for name, parts in _TOLD.items() if name not in ("pose", *names) for part in parts]
+        left_out = [part for name, parts in _ANSWERS.items() if name not in ("pose", *names) for part in parts]
         kept = {name: shape for name, shape in abi.ANSWER.items() if name not in left_out}
         self._shapes = {name: [len(asked), *(sizes.get(n, n) for n in shape)] for name, shape in kept.items()}
         places = iter(range(len(names)))
         self._probe = {k: next(places) for k, one in enumerate(self.observables) if one.quantity.at == "place"}
-        self._alike = _TOLD[names[0]] if len(set(names)) == 1 and len(self._probe) == len(names) else None
+        self._alike = _ANSWERS[names[0]] if len(set(names)) == 1 and len(self._probe) == len(names) else None
 
     def moved(self, robot: Robot, actuations: Array, places: Array | None = None) -> Predictions:
-        """A copy with another robot of equal pieces and actuations ``(e, 2 tubes)``, rotations and translations.
+        """A copy with another robot of equal pieces and other actuations ``(e, 2 tubes)``.
 
-        Loads stay, so that tubes' weights must be as they were, and so do observables, unless there are ``places``.
+        Loads stay, so tubes' weights must not change. Observables stay too, unless ``places`` are given.
         """
-        other = copy(self)
-        other.robot, other._table, other._actuations = robot, robot_table(robot), actuations
+        copied = copy(self)
+        copied.robot, copied._table, copied._actuations = robot, robot_table(robot), actuations
         if places is not None:
-            every = list(range(places.shape[1]))
-            other._rows = [rows.placed(every, own) for rows, own in zip(self._rows, places, strict=True)]
-            other._addresses = np.array([rows.address for rows in other._rows], dtype=np.uintp)
-        return other
+            rows = list(range(places.shape[1]))
+            copied._rows = [loads.placed(rows, own) for loads, own in zip(self._rows, places, strict=True)]
+            copied._addresses = np.array([rows.address for rows in copied._rows], dtype=np.uintp)
+        return copied
 
     def numbers(self, name: str, experiment: int = 0) -> Array:
-        """A view of an experiment's own numbers; what is written there counts from then on.
+        """A writable view of an experiment's numbers; changes take effect in later calls.
 
         ``"loads[k].force"``, ``"loads[k].moment"``, ``"loads[k].arc_length"``, ``"observables[k].arc_length"``,
-        ``"rotations"`` or ``"translations"``. Copies that were ``moved`` see it, too.
+        ``"rotations"`` or ``"translations"``. Copies from ``moved`` share the numbers.
         """
         tubes = len(self.robot.tubes)
         if name in ("rotations", "translations"):
@@ -188,12 +188,12 @@ class Predictions:
                 return rows.numbers(None, self._probe[k], "arc_length")
             case ("loads", int(k), "force" | "moment" | "arc_length" as field):
                 return rows.numbers(self._loads[experiment][k], rows.rows[k], field)
-        raise DefinitionError(f"{name!r} names no numbers of a load, an observable or an actuation")
+        raise DefinitionError(f"{name!r} does not name numbers of a load, an observable or an actuation")
 
     def _directions(self, names: Sequence[str], experiments: Sequence[Experiment]) -> list[Directions]:
-        """Of each experiment; those whose loads are alike share them."""
+        """The directions of each experiment; experiments with similar loads share them."""
         made: dict[tuple[Any, ...], Directions] = {}
-        found = []
+        directions = []
         for (_, loads), rows in zip(experiments, self._rows, strict=True):
             key = tuple(
                 (type(load), getattr(load, "arc_length", None) is None, rows.rows.get(k))
@@ -201,13 +201,13 @@ class Predictions:
             )
             if key not in made:
                 made[key] = Directions.of(self.robot, loads, rows.rows, names)
-            found.append(made[key])
-        if len({each.combination.shape for each in found}) > 1:
-            raise DefinitionError("experiments: loads of one name must be of one kind in all of them")
-        return found
+            directions.append(made[key])
+        if len({shared.combination.shape for shared in directions}) > 1:
+            raise DefinitionError("experiments: loads of one name must be of one kind in all experiments")
+        return directions
 
     def at(self, unknowns: Array) -> ModelValues:
-        """Everything at unknowns ``(experiments, unknowns)``, N m and N, in the order of ``Equilibrium.unknowns``."""
+        """Evaluate the model at unknowns ``(experiments, unknowns)``, ordered as ``Equilibrium.unknowns``."""
         count = len(self._rows)
         z = np.ascontiguousarray(array(unknowns, "unknowns", (count, self.unknowns)))
         values = {name: np.empty(shape) for name, shape in self._shapes.items()}
@@ -222,13 +222,13 @@ class Predictions:
         return ModelValues(values["residual"], values["slopes"], self._observed(values, z), failed, rates)
 
     def _combined(self, name: str, rates: Array) -> Array:
-        """From derivatives by directions to those by parameters."""
+        """Derivatives by parameters, from those by directions."""
         if self._plain or abi.ANSWER[name][-1] != "columns":
             return rates
         return np.concatenate((rates[..., : self.unknowns], rates[..., self.unknowns :] @ self._combination), axis=-1)
 
     def _observed(self, values: Mapping[str, Array], z: Array) -> ObservedList:
-        """The values of the observables out of what the model told."""
+        """The values of the observables, from the model's answers."""
         if self._alike:
             return Stacked(*(values[part] for part in self._alike))
         return [self._one(k, one, values, z) for k, one in enumerate(self.observables)]
@@ -238,7 +238,7 @@ class Predictions:
             slopes = np.zeros((len(z), 1, values["slopes"].shape[2]))
             slopes[:, 0, 2 + (one.tube or 0)] = -1.0
             return Observed(-z[:, 2 + (one.tube or 0), None], slopes)
-        value, rates = (values[part] for part in _TOLD[one.name])
+        value, rates = (values[part] for part in _ANSWERS[one.name])
         if one.quantity.at == "place":
             return Observed(value[:, self._probe[k]], rates[:, self._probe[k]])
         if one.quantity.at == "tube":
@@ -246,15 +246,15 @@ class Predictions:
         return Observed(value, rates)
 
 
-def told(one: Observable, robot: Robot) -> bool:
-    """Whether compiled code tells an observable: forces only where precurvatures are constant piece by piece."""
+def predictable(one: Observable, robot: Robot) -> bool:
+    """Whether compiled code predicts an observable; forces require piecewise constant precurvatures."""
     if one.name == "actuator_force":
         return all(len(tube.shape.coefficients) == 1 for tube in robot.tubes)
-    return one.name in _TOLD or one.name == "actuator_torque"
+    return one.name in _ANSWERS or one.name == "actuator_torque"
 
 
 def arc_length(one: Observable) -> float:
-    """Where something is observed; zero where that is estimated, not a number at an end."""
+    """The arc length of an observable; zero if it is estimated, NaN at an end."""
     return one.place if isinstance(one.place, float) else 0.0 if isinstance(one.place, Somewhere) else np.nan
 
 
@@ -278,5 +278,5 @@ def _probes(ends: Ends, observables: Sequence[Observable], places: Array | None)
 def _rows(robot: Robot, loads: Sequence[Load], probes: list[_Probe]) -> LoadRows:
     rows = LoadRows.of(robot, loads, [(s, tube) for s, tube, _ in probes])
     if rows is None:
-        raise DefinitionError("loads: compiled code knows those that are constant or fixed to a tube alone")
+        raise DefinitionError("loads: compiled code supports only loads that are constant or fixed to a tube")
     return rows

@@ -28,10 +28,10 @@ _CIRCLE = "  double sin_of[LANES], cos_of[LANES];\n  circle(x + AT_ANGLES, sin_o
 
 @attrs.frozen(eq=False)
 class Routine:
-    """A C function: pointers by name and the symbols or expressions they stand for.
+    """A C function: its pointers by name, with their symbols or expressions.
 
-    Inputs named ``data[k]`` are one argument, an array of pointers. Of a state ``x`` the sines and cosines of the
-    tubes' angles are taken together, by ``circle``.
+    Inputs named ``data[k]`` are one argument, an array of pointers. ``circle`` computes the sines and cosines of all
+    tubes' angles in a state ``x`` together.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Routine:
     outputs: Mapping[str, Any]
 
     def source(self) -> str:
-        """C text."""
+        """C text of the function."""
         outputs = [ca.densify(expression) for expression in self.outputs.values()]
         function = ca.Function(self.name, list(self.inputs.values()), outputs, {"cse": True})
         pointers = {name.split("[")[0]: "*const *" if "[" in name else "*restrict " for name in self.inputs}

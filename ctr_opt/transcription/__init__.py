@@ -1,1 +1,1 @@
-"""From differential to algebraic equations."""
+"""Transcription of differential equations into algebraic ones."""

@@ -1,8 +1,8 @@
-"""How far states at the nodes of a mesh are from the exact ones: gaps between steps, closed by one Newton step.
+"""Distance of node states from the exact ones: gaps between steps, closed by one Newton step.
 
-Multiple shooting, linearized at the nodes: wherever the exact steps end beside the next node or miss the conditions at
-the tip, the nodes must move. Nothing is integrated from one end of the robot to the other, so that stiff loads, which
-would blow small errors up on the way, do no harm.
+This is multiple shooting, linearized at the nodes. Where exact steps miss the next node or the conditions at the tip,
+the nodes must move. Nothing is integrated from one end of the robot to the other, so stiff loads do not amplify small
+errors.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from ..mechanics.state import State
 from .shooting import NodeStates, Shooting
 
 NEGLIGIBLE = 1e-8
-"""Singular values below are directions in which nothing is determined; a straight, unloaded robot's are about 1."""
+"""Singular values below this belong to undetermined directions; those of a straight, unloaded robot are about 1."""
 
 
 def newton_correction(jacobian: Array, residual: Array, negligible: float = NEGLIGIBLE) -> Array:
     """The shortest ``dz`` with ``jacobian dz = -residual``.
 
-    Where a family of equilibria exists (a buckled straight rod may lie in any plane) the Jacobian is singular along
-    it, and the shortest correction leaves the family alone.
+    Along a family of equilibria (a buckled straight rod may lie in any plane) the Jacobian is singular. The shortest
+    correction does not move along the family.
     """
     left, values, right = np.linalg.svd(jacobian)
     kept = values > max(negligible, float(np.finfo(float).eps) * values[0])
@@ -33,9 +33,9 @@ def newton_correction(jacobian: Array, residual: Array, negligible: float = NEGL
 
 @attrs.frozen(eq=False)
 class Closure:
-    """Corrections of the states ``(size, k + 1)`` behind the nodes, of the unknowns at the entry, and their Jacobian.
+    """Corrections of the states ``(size, k + 1)`` behind the nodes and of the unknowns, and their Jacobian.
 
-    ``gaps (size, k)``: from where the exact steps end, behind the point loads there, to the next node.
+    ``gaps (size, k)`` lead from the next node to the end of each exact step, behind the point load there.
     """
 
     states: Array
@@ -52,7 +52,7 @@ def close(shooting: Shooting, z: Array, nodes: NodeStates, ends: Array) -> Closu
     start, slope = functions.start(z, shooting.entry)
     free = np.zeros((State.size(tubes), 5 + tubes))
     free[:, : functions.unknowns] = slope.full()
-    if functions.unknowns < free.shape[1]:  # under dead loads the force is known, but for the error of its quadrature
+    if functions.unknowns < free.shape[1]:  # under dead loads the force is known, except for its quadrature error
         free[State.parts(tubes)["force"], -3:] = np.eye(3)
     first = np.column_stack((free, start.full()[:, 0] - right[:, 0]))
     carried = functions.carry(first, nodes.right, shooting.columns, gaps)
@@ -60,6 +60,6 @@ def close(shooting: Shooting, z: Array, nodes: NodeStates, ends: Array) -> Closu
     last = carried[-1][rows]
     jacobian = last[:, :-1]
     moved = newton_correction(jacobian, last[:, -1] + nodes.tip[rows])
-    states = np.stack([each[:, :-1] @ moved + each[:, -1] for each in carried], axis=1)
+    states = np.stack([matrix[:, :-1] @ moved + matrix[:, -1] for matrix in carried], axis=1)
     known = slice(0, functions.unknowns)
     return Closure(states, gaps, moved[known], jacobian[known, known])

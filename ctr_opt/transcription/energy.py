@@ -28,7 +28,7 @@ from .shooting import NodeStates
 
 
 class EnergyProgram(TranscribedProgram):
-    """The program of minimum energy."""
+    """The nonlinear program of energy minimization."""
 
     points: Tableau
 
@@ -62,15 +62,15 @@ class EnergyProgram(TranscribedProgram):
         return builder.build(ca.sum2(energies) + 0.5 * ca.sumsqr(twist) + here)
 
     def _step(self) -> ca.Function:
-        """One step: defects of the inner states, if there are any, and of the end, and the step's part of ``Pi``."""
+        """The function of one step: defects of inner states, if any, and of the end, and its part of ``Pi``."""
         y, end = ca.SX.sym("y", self.states), ca.SX.sym("end", self.states)
         w, column = ca.SX.sym("w", self.controls, self.degree), ca.SX.sym("column", self.columns.size)
         inner = [ca.SX.sym("inner", self.states, self.degree)] if self.collocation else []
         step: Callable[..., tuple[Any, ...]] = self._collocated if self.collocation else self._integrated
         *defects, arrival, energy = step(y, *inner, w, column)
         energy += self.columns.point_energy(column, end[:3]) + 0.5 * ca.if_else(column[0] == 0, ca.sumsqr(w), 0)
-        given = [y, *map(ca.vec, (*inner, w)), end, column]
-        return ca.Function("energy_step", given, [*map(ca.vec, defects), arrival - end, energy])
+        inputs = [y, *map(ca.vec, (*inner, w)), end, column]
+        return ca.Function("energy_step", inputs, [*map(ca.vec, defects), arrival - end, energy])
 
     def _collocated(self, y: Any, inner: Any, w: Any, column: Any) -> tuple[Any, ...]:
         rates = (self._rates(inner[:, j], w[:, j], column, j) for j in range(self.degree))
@@ -88,14 +88,14 @@ class EnergyProgram(TranscribedProgram):
         return arrival[:-1], arrival[-1]
 
     def _rates(self, y: Any, w: Any, column: Any, node: int) -> Any:
-        """``y'`` and, behind it, ``Pi'`` at a node of the data."""
+        """The rates ``y'`` followed by ``Pi'`` at a node of the data."""
         local = self.columns.local(column, node)
         position, orientation = rod.kinematic_rates(y[3:7], w[:2])
         energy = rod.elastic_density(y[7:], w[:2], w[2:], local) + self.columns.load_energy(column, node, y[:3])
         return ca.vertcat(position, orientation, w[2:], energy)
 
     def _with_costates(self) -> ca.Function:
-        """From ``y``, its costate and the column of the step before to the states left and right of the node."""
+        """The states left and right of a node, from ``y``, its costate and the column of the step before."""
         y, costate = ca.SX.sym("y", self.states), ca.SX.sym("costate", self.states)
         column = ca.SX.sym("column", self.columns.size)
         q, u = y[3:7], ca.SX.sym("u", 3)
@@ -129,7 +129,7 @@ class EnergyProblem(TranscribedProblem):
         }
 
     def metric(self) -> Array:
-        """The elastic energy's weights of the free variables, at fixed preset curvature."""
+        """Weights of the free variables in the elastic energy, at fixed preset curvature."""
         parts, weights = self.program.columns.parts, self.program.points.weights
         stiffness = np.vstack(Stiffness.of(lambda name: self._columns[parts[name]]).resistance())
         lengths = self._columns[0]
@@ -138,7 +138,7 @@ class EnergyProblem(TranscribedProblem):
         return np.concatenate((np.ones(self.configuration.tube_count), metric.ravel()))
 
     def recover(self, x: Array, multipliers: Array) -> tuple[NodeStates, Array]:
-        """Full states at the mesh's nodes out of a solution, and the boundary unknowns ``z``.
+        """Full states at the nodes of the mesh and the unknowns ``z``, from a solution.
 
         The multipliers of the states' equations are ``-n`` for the position, ``-tau_i`` for the angles and, for the
         orientation, minus the moment in quaternion coordinates.

@@ -47,7 +47,7 @@ class EquilibriumProgram(TranscribedProgram):
         return builder.build()
 
     def _collocation_step(self, points: Tableau) -> ca.Function:
-        """``(x, inner, column) -> (defects of the inner states, state behind the step, before its point load)``."""
+        """The function ``(x, inner, column) -> (defects, state behind the step, state before its point load)``."""
         size, degree = State.size(self.tubes), len(points.nodes)
         x, inner = ca.SX.sym("x", size), ca.SX.sym("inner", size, degree)
         column = ca.SX.sym("column", self.columns.size)
@@ -72,12 +72,12 @@ class EquilibriumProblem(TranscribedProblem):
         return {"entry unknowns": z, "state": start.nodes, "inner state": start.inner}
 
     def recover(self, x: Array) -> tuple[NodeStates, Array]:
-        """The states at the mesh's nodes out of a solution, and the unknowns ``z`` at the entry point."""
+        """The states at the nodes of the mesh and the unknowns ``z`` at the entry point, from a solution."""
         variables, count = self.program.nlp.variables, len(self.mesh)
         states = variables["state"].take(x)
-        given = [states[:, :-1], self._columns]
+        inputs = [states[:, :-1], self._columns]
         if self.program.points is not None:
-            given.insert(1, variables["inner state"].take(x))
-        before = self.program.step.map(self.program.steps)(*given)[-1].full()
+            inputs.insert(1, variables["inner state"].take(x))
+        before = self.program.step.map(self.program.steps)(*inputs)[-1].full()
         z = variables["entry unknowns"].take(x)[:, 0]
         return NodeStates(states[:, :count], before[:, :count], states[:, count]), z

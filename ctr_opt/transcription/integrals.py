@@ -1,4 +1,4 @@
-"""What is integrated along the robot beside its states, and the Hamiltonian: energies, forces on actuators.
+"""Integrals along the robot besides its states, and the Hamiltonian: energies, forces on actuators.
 
 With internal forces and moments as costates, the potential energy of a shape in equilibrium changes by the jump of
 ``H = m_xy . u_xy + sum tau_i u_i,z + n . R e3 - W - V`` when a break point moves; ``W`` is the elastic energy and ``V``

@@ -14,7 +14,7 @@ from ..mechanics.so3 import SymT
 
 @attrs.frozen(eq=False)
 class RungeKutta:
-    """``x+ = x + h sum_j weights_j k_j``, ``k_j = f(x + h sum_i matrix_ji k_i)`` at the fractions ``nodes_j``.
+    """A method ``x+ = x + h sum_j weights_j k_j``, ``k_j = f(x + h sum_i matrix_ji k_i)`` at fractions ``nodes_j``.
 
     ``fifth, third``: weights of DOP853's two estimates of its local error; zeros for others.
     """
@@ -28,7 +28,7 @@ class RungeKutta:
     third: Array
 
     def step(self, derivative: Callable[[SymT, int], SymT], x: SymT, length: SymT) -> SymT:
-        """One step; ``derivative(x, j)`` is the right-hand side with the data of stage ``j``."""
+        """Take one step; ``derivative(x, j)`` is the right-hand side with the data of stage ``j``."""
         slopes: list[SymT] = []
         for j, row in enumerate(self.matrix):
             inner = x
@@ -48,7 +48,7 @@ INTEGRATORS = ("RK4", "RK5", "RK8")
 
 @cache
 def runge_kutta(name: str = "RK8") -> RungeKutta:
-    """``"RK4"`` (classical), ``"RK5"`` (Dormand-Prince) or ``"RK8"`` (the propagating formula of DOP853)."""
+    """The method ``"RK4"`` (classical), ``"RK5"`` (Dormand-Prince) or ``"RK8"`` (formula of DOP853)."""
     if name == "RK4":
         matrix = np.array([[0, 0, 0, 0], [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1, 0]], dtype=float)
         none = np.zeros(4)

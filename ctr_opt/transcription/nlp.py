@@ -1,4 +1,4 @@
-"""A nonlinear program of named blocks, so that a failure is told in the words of the model."""
+"""A nonlinear program of named blocks, so that failures are reported in terms of the model."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class Block:
         return np.arange(self.start, self.start + size).reshape((len(self.rows), self.columns), order="F")
 
     def take(self, vector: Array) -> Array:
-        """The block out of the whole vector, ``(rows, columns)``."""
+        """The block's part of the whole vector, ``(rows, columns)``."""
         return np.asarray(vector[self.indices])
 
 
 @attrs.frozen(eq=False)
 class Nlp:
-    """``minimize f(x, p)`` subject to ``g(x, p) = 0``, with the blocks of ``x`` and ``g``; without ``f``, ``g = 0``."""
+    """A program: minimize ``f(x, p)`` subject to ``g(x, p) = 0``, with the blocks of ``x`` and ``g``."""
 
     x: ca.MX
     p: ca.MX
@@ -44,14 +44,14 @@ class Nlp:
     constraints: dict[str, Block]
 
     def describe_constraint(self, index: int) -> str:
-        """A row of ``g`` in words, like ``collocation 3, node 2, psi_1``."""
+        """The name of a row of ``g``, like ``collocation 3, node 2, psi_1``."""
         block = next(b for b in self.constraints.values() if b.start <= index < b.start + len(b.rows) * b.columns)
         column, row = divmod(index - block.start, len(block.rows))
         return f"{block.name}{'' if block.columns == 1 else f' {column}'}, {block.rows[row]}"
 
 
 def padded(count: int) -> int:
-    """The next of the step counts that programs and sweeps are built for: 4, 6, 8, 12, 16, 24, 32, 48, ..."""
+    """The count rounded up to a size that programs are built for: 4, 6, 8, 12, 16, 24, 32, 48, ..."""
     size = 4
     while size < count:
         size = size * 3 // 2 if size & (size - 1) == 0 else size * 4 // 3
@@ -76,19 +76,19 @@ class NlpBuilder:
         return symbol
 
     def parameter(self, name: str, rows: int, columns: int = 1) -> ca.MX:
-        """A block of parameters; given to the solver in the order of these calls."""
+        """A block of parameters; the solver takes them in the order of these calls."""
         symbol = ca.MX.sym(name, rows, columns)
         self._p.append(symbol)
         return symbol
 
     def equation(self, name: str, rows: Sequence[str], expression: ca.MX) -> None:
-        """``expression (rows, columns) = 0``."""
+        """Add the block of equations ``expression (rows, columns) = 0``."""
         columns = expression.numel() // len(rows)
         self._constraints[name] = Block(name, sum(g.numel() for g in self._g), tuple(rows), columns)
         self._g.append(expression)
 
     def build(self, objective: ca.MX | float = 0.0) -> Nlp:
-        """The program."""
+        """Build the program from all variables, parameters and equations."""
         objective = ca.MX(objective)
         return Nlp(
             ca.veccat(*self._x), ca.veccat(*self._p), objective, ca.veccat(*self._g), self._variables, self._constraints

@@ -1,9 +1,9 @@
-"""Observables in symbols: what they need of a discretized robot, and their values as CasADi expressions, SI.
+"""Observables in symbols: the data they need from a discretized robot, and their values as CasADi expressions, SI.
 
-Where the order of break points is given, a place is a position, and values are read from its column of states. Where
-break points are sorted inside the function, weights are one at the position of a place and zero elsewhere, and the
-state there is the sum of all columns under these weights. Quantities that jump are taken from one side of a position:
-sides are the columns behind the starts of the sections, then those before their ends.
+If the order of break points is given, a place is a position, and values are read from its column of states. If break
+points are sorted inside the function, weights are one at the position of a place and zero elsewhere; the state is the
+sum of all columns with these weights. Quantities that jump are taken from one side of a position. The sides are the
+columns behind the starts of the sections, followed by those before their ends.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .shooting import ShootingFunctions
 
 @attrs.frozen(eq=False, slots=False)
 class _Point:
-    """The robot at a place: its dimensionless state and, for what jumps, the data of the equations there."""
+    """The robot at a place: its dimensionless state and, for quantities that jump, the data of the equations."""
 
     functions: ShootingFunctions
     scales: Scales
@@ -44,7 +44,7 @@ class _Point:
 
     @cached_property
     def local(self) -> tuple[Any, ...]:
-        """``u_xy``, the tubes' ``u_i,z``, their moments one behind the other, and the elastic energy density."""
+        """The curvature ``u_xy``, the tubes' ``u_i,z`` and moments in succession, and the elastic energy density."""
         return tuple(self.functions.local(self.vector, self.data))
 
     @property
@@ -57,12 +57,12 @@ class _Point:
 
     @property
     def moment(self) -> Any:
-        own = ca.vertcat(self.state.bending, ca.sum1(self.state.torsion))
-        return rotation_matrix(self.state.orientation) @ own * self.scales.moment
+        in_backbone_frame = ca.vertcat(self.state.bending, ca.sum1(self.state.torsion))
+        return rotation_matrix(self.state.orientation) @ in_backbone_frame * self.scales.moment
 
     @property
     def fibre(self) -> Any:
-        """``u_x, u_y`` in the tube's frame, and its own ``u_z``."""
+        """The tube's curvature ``u_x, u_y, u_z`` in its own frame."""
         bent = self.local[0]
         turned = turn_back(self.angle, bent[0], bent[1])
         return ca.vertcat(*turned, self.local[1][self.tube]) / self.scales.length
@@ -82,9 +82,9 @@ _AT_PLACES: dict[str, Callable[[_Point], Any]] = {
 
 
 class Observer:
-    """Observables of a parametric problem in an order of break points, whose sections are cut at ``fractions``.
+    """Observables of a parametric problem for one order of break points; sections are cut at ``fractions``.
 
-    Those at arc lengths are at the problem's probes, in their order. Poses name their tubes.
+    Observables at arc lengths are at the problem's probes, in their order. Poses name their tubes.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Observer:
         )
 
     def _place(self, one: Observable, probe: Key | None) -> Side | int:
-        """The side where an observable is taken, or its column of weights among the marks or sides."""
+        """The side at which an observable is taken, or its column of weights among the marks or sides."""
         end = self.problem.parametric.tube_end
         key = end(one.place.tube) if isinstance(one.place, Distal) else probe
         rank = self.order.sections if key is None else self.order.ranks[key]
@@ -149,7 +149,7 @@ class _Values:
         self.integrals = integral_functions(self.tubes, problem.integrator, observer.discretized.kind)
 
     def of(self, one: Observable, place: Side | int) -> Any:
-        """Of an observable."""
+        """The value of an observable."""
         if one.name in _AT_PLACES:
             return _AT_PLACES[one.name](self._point(one, place))
         return _ELSEWHERE[one.name](self, one.tube or 0)
@@ -184,23 +184,23 @@ class _Values:
         return tuple(steps(self.swept.begins, self.swept.columns, self.swept.slopes))
 
     def energy(self, _: int) -> Any:
-        """Elastic energy, J, that of the transmissions included."""
+        """Elastic energy, including the transmissions, J."""
         entry, parts = self.swept.entry, self.functions.entry.parts
         twisted = ca.sum1(transmission_energy(self.swept.z[2 : 2 + self.tubes], entry[parts["compliance"]]))
         return (ca.sum2(self._integrated[0]) + twisted) * self.scales.moment + self.swept.straightening_energy
 
     def load_work(self, _: int) -> Any:
-        """Less the potential of the loads, J."""
+        """Work of the loads, minus their potential, J."""
         entry, parts = self.swept.entry, self.functions.entry.parts
         at_entry = self.functions.entry.point_energy(entry, entry[parts["position"]])
         return -(ca.sum2(self._integrated[1]) + at_entry) * self.scales.moment
 
     def torque(self, tube: int) -> Any:
-        """On a tube's base, N m."""
+        """Torque of the actuator on a tube's base, N m."""
         return -self.swept.z[2 + tube] * self.scales.moment
 
     def force(self, tube: int) -> Any:
-        """On a tube's base, N: jumps of the Hamiltonian, explicit dependence, and what is behind the entry."""
+        """Force of the actuator on a tube's base, N, from jumps of the Hamiltonian and an integral."""
         sides, pushing = self.observer.pushes[tube]
         states = ca.horzcat(*map(self._state, sides))
         data = ca.horzcat(*(self.swept.locals[side] for side in sides))

@@ -1,4 +1,4 @@
-"""The boundary-value problem and what comes out of it as CasADi functions of the unknowns and of parameters."""
+"""The boundary-value problem and its results as CasADi functions of the unknowns and of parameters."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ _STILL = 1e-9  # m per unit of a parameter: break points that move less relative
 class ParametricProblem:
     """A configuration with chosen parameters as symbols.
 
-    ``probes`` are arc lengths at which values are wanted, on a tube or (None) on the robot; ``from_left``: before
-    anything that acts or ends there.
+    ``probes`` are arc lengths of requested values, on a tube or (None) on the robot. With ``from_left`` values are
+    taken before anything that acts or ends there.
     """
 
     def __init__(
@@ -55,12 +55,12 @@ class ParametricProblem:
 
     @property
     def nominal(self) -> Array:
-        """The present values of the parameters, one behind the other."""
+        """The present values of the parameters, in succession."""
         return np.concatenate([np.zeros(0), *(parameter.value.ravel() for parameter in self.chosen)])
 
     @property
     def functions(self) -> ShootingFunctions:
-        """The symbolic step, which is shared."""
+        """The symbolic functions, shared by all problems of this kind."""
         return shooting_functions(self.configuration.tube_count, self.integrator, self.configuration.kind)
 
     # -- the order of break points ---------------------------------------------------------------------------------
@@ -85,13 +85,13 @@ class ParametricProblem:
 
     @cached_property
     def _velocities(self) -> dict[Key, Array]:
-        """How far each break point moves by each parameter."""
+        """The derivatives of all break points by the parameters."""
         points = ca.vertcat(*(ca.SX(value) for value in self.parametric.points.values()))
         slopes = ca.Function("slopes", [self.theta], [ca.jacobian(points, self.theta)])(self.nominal).full()
         return dict(zip(self.parametric.points, slopes, strict=True))
 
     def kinked(self, column: int) -> bool:
-        """Whether break points that coincide are moved apart by a parameter."""
+        """Whether a parameter moves coinciding break points apart."""
         velocities = self._velocities
         spreads = [np.ptp([velocities[key][column] for key in group]) for group in self._groups]
         return float(max(spreads)) > _STILL
@@ -117,18 +117,18 @@ class ParametricProblem:
         return {self.parametric.tube_end(i) for i in range(self.parametric.tubes)}
 
     def given(self, keys: Sequence[Key]) -> Order:
-        """That order."""
+        """The order of break points with the given keys."""
         return given_order(self.parametric.points, list(keys))
 
     def sorted(self) -> Order:
-        """The order by the values of the parameters, as part of the function."""
+        """The order that is sorted inside the function, by the values of the parameters."""
         of, slack = self.parametric, self.configuration.ends.slack
         return sorted_order(of.points, [key for key in of.points if self._behind(key)], of.chained_ends, slack)
 
     def innermost(self, s: float | None, column: int, sign: float) -> int:
         """The innermost tube at a fixed arc length, or at the tip, when a parameter grows or shrinks a little.
 
-        Where all tubes are drawn back from there, the one that is there now.
+        If all tubes are drawn back from there, it is the tube that is there now.
         """
         ends, tubes = self.configuration.ends, range(self.parametric.tubes)
         paces = [sign * float(self._velocities[self.parametric.tube_end(i)][column]) for i in tubes]
@@ -138,7 +138,7 @@ class ParametricProblem:
         return next(there, ends.innermost(s))
 
     def pushes(self, i: int, order: Order) -> tuple[list[Side], ca.Function]:
-        """Sides where pieces of a tube end, whose Hamiltonians push on its base, and ``(theta, tau_i(0)) -> `` weights.
+        """Sides whose Hamiltonians push on a tube's base, and the function ``(theta, tau_i(0)) -> weights``.
 
         Behind the weights the function has the Hamiltonian of the tube alone, held straight right behind the entry
         point: the force on the whole part there, as the sum over its break points telescopes.
@@ -157,7 +157,7 @@ class ParametricProblem:
         return list(weights), ca.Function("pushes", [self.theta, torque], [ca.vertcat(*weights.values()), behind])
 
     def _preset(self, key: Key, rows: Sequence[Any]) -> Any:
-        """``u*`` at the entry point of the piece of a tube that begins at a break point."""
+        """The preset curvature ``u*`` at the entry point, of the piece that begins at a break point."""
         preset = ca.SX.zeros(3)
         for d, row in enumerate(rows):
             preset += row * (0.0 - self.parametric.points[key]) ** d
@@ -166,7 +166,7 @@ class ParametricProblem:
 
 @attrs.frozen(eq=False)
 class Swept:
-    """The problem on a mesh in one order, at symbols ``z`` and ``theta``: states at the positions, and the residual.
+    """A parametric problem swept on a mesh at symbols ``z`` and ``theta``: states at the positions, and the residual.
 
     ``right (size, positions)`` are the states behind the positions, ``left`` those before them, from the second on;
     ``weights (positions, marks)`` are one where a mark, mostly a probe, stands; ``sides (2 sections, asked)`` are those
@@ -191,9 +191,9 @@ class Swept:
 class Discretized:
     """A parametric problem on a mesh: every section cut at ``fractions[section]``.
 
-    ``around``: the positions (and side, 0 left or 1 right) at which the data of the equations are wanted. ``marks``:
-    the break points whose positions are told by weights; default: the probes. ``sides``: pairs of a break point and
-    the end of a tube, for values that jump.
+    ``around``: positions and sides (0 left, 1 right) at which the data of the equations are needed. ``marks``: break
+    points whose positions are given by weights; default: the probes. ``sides``: pairs of a break point and the end of a
+    tube, for values that jump.
     """
 
     def __init__(
@@ -236,7 +236,7 @@ class Discretized:
         return data.step(section, fraction, fraction, np.zeros(1), jump=False)
 
     def _function(self, data: ParametricColumns, outputs: list[Any]) -> ca.Function:
-        """The data as a function of the parameters, loads given as functions at their present values."""
+        """The data as a function of the parameters; loads given as functions keep their present values."""
         theta, samples = self.problem.theta, data.samples
         if samples:
             places = ca.vertcat(*(sample.places.T for sample in samples))
@@ -244,8 +244,8 @@ class Discretized:
             at, slopes = (value.full() for value in moved(self.problem.nominal))
             if np.any(np.abs(slopes) > _STILL):
                 raise DefinitionError(
-                    "a load is given as a function of s, whose derivative by s is needed here as break points move "
-                    "within it, but is not known: give it as a table, (s, values), or as an ExpressionLoad"
+                    "a load is given as a function of s, but break points move within it, so its derivative by s is "
+                    "needed and unknown: give the load as a table, (s, values), or as an ExpressionLoad"
                 )
             functions = [sample.function for sample in samples for _ in range(sample.places.numel())]
             values = [called(function, float(s), "load") for function, s in zip(functions, at[:, 0], strict=True)]
@@ -254,13 +254,13 @@ class Discretized:
         return ca.Function("data", [theta], outputs)
 
     def sweep(self, z: Any, entry: Any, columns: Any) -> tuple[Any, Any, Any]:
-        """The state behind the entry point, and those behind and before the end of every step."""
+        """The states behind the entry point, and behind and before the end of every step."""
         functions = self.problem.functions
         start, _ = functions.start(z, entry)
         return start, *functions.step.mapaccum("sweep", len(self.steps))(start, columns)
 
     def swept(self, z: Any, theta: Any) -> Swept:
-        """States and residual at MX symbols."""
+        """The states and the residual at MX symbols."""
         functions = self.problem.functions
         columns, entry, slopes, energy, around, weights, sides = self.data(theta)
         start, after, before = self.sweep(z, entry, columns)

@@ -1,4 +1,4 @@
-"""What the transcribed formulations share: a program, a configuration as its numbers, and where to start."""
+"""Common parts of the transcribed formulations: programs, their numbers, and starting points."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class TranscribedProgram:
         self.entry = EntryColumn(tubes, kind)
 
     def begun(self) -> tuple[NlpBuilder, ca.MX, ca.MX]:
-        """The builder of the program, and the parameters that all have: the columns of the steps, and the entry's."""
+        """A builder with the parameters of all programs: the columns of the steps and of the entry point."""
         builder = NlpBuilder()
         columns = builder.parameter("columns", self.columns.size, self.steps)
         return builder, columns, builder.parameter("entry", self.entry.size)
@@ -70,14 +70,14 @@ class TranscribedProblem(OnMesh, ABC):
         return np.concatenate((self._columns.ravel(order="F"), self.entry))
 
     def guess(self, shape: Shape | None = None) -> Array:
-        """Variables to start from: those of the straight robot, its tubes free of torque, or of another shape."""
+        """Variables to start from, of the straight robot without torques or of another shape."""
         points = np.zeros(0) if self.program.points is None else self.program.points.nodes
-        count, steps, own = len(self.mesh), self.program.steps, self.configuration
-        length = own.length if shape is None else shape.configuration.length
-        mesh = np.vstack((self.mesh, np.full((steps - count, 2), self.mesh[-1, 1]))) * (length / own.length)
+        count, steps, configuration = len(self.mesh), self.program.steps, self.configuration
+        length = configuration.length if shape is None else shape.configuration.length
+        mesh = np.vstack((self.mesh, np.full((steps - count, 2), self.mesh[-1, 1]))) * (length / configuration.length)
         inner = mesh[:, 0] + np.outer(points, mesh[:, 1] - mesh[:, 0])
         s = np.minimum(np.concatenate((mesh[:, 0], mesh[-1:, 1], inner.ravel(order="F"))), length)
-        states, curvatures = _straight(own, s) if shape is None else _like(own, s, shape)
+        states, curvatures = _straight(configuration, s) if shape is None else _like(configuration, s, shape)
         between, bent = (
             values[:, steps + 1 :].reshape((len(values), *inner.shape), order="F") for values in (states, curvatures)
         )
@@ -92,7 +92,7 @@ class TranscribedProblem(OnMesh, ABC):
 
 @attrs.frozen(eq=False)
 class Guess:
-    """Dimensionless states at the ends and at inner points of ``steps``, and the curvatures at those points.
+    """A starting point: dimensionless states at the ends and at inner points of steps, and curvatures there.
 
     ``nodes (size, steps + 1)``; ``inner (size, points, steps)``; ``curvatures (2 + tubes, points, steps)``. Steps past
     the mesh, which fill the program up, stay at the tip.
@@ -114,7 +114,7 @@ def _straight(configuration: Configuration, s: Array) -> tuple[Array, Array]:
 
 
 def _like(configuration: Configuration, s: Array, shape: Shape) -> tuple[Array, Array]:
-    """Those of another shape."""
+    """States and curvatures of another shape, dimensionless."""
     scales, at = configuration.scales, shape.at(s)
     unit = state_scales(configuration.tube_count, scales.length, scales.moment, scales.force)
     return stacked(at.state) / unit[:, None], np.vstack((at.bent, at.twisted)) * scales.length

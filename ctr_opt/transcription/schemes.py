@@ -1,4 +1,4 @@
-"""How differential equations become algebraic ones: transcriptions as values, and their tableaus."""
+"""Transcriptions of differential equations as values, and their tableaus."""
 
 from __future__ import annotations
 
@@ -30,15 +30,20 @@ def _scheme(_: Any, field: attrs.Attribute[Any], value: Any) -> None:
 
 @attrs.frozen
 class Collocation:
-    """Collocation: the equations hold at ``degree`` points of every step.
+    """A collocation transcription: the equations hold at ``degree`` points of every step.
 
     Parameters
     ----------
     degree
-        1 to 9.
+        Number of collocation points in each step, 1 to 9.
     scheme
-        ``"legendre"``: Gauss-Legendre points, of order ``2 degree`` at the nodes; ``"radau"``: Radau IIA points, of
-        order ``2 degree - 1``, the end of the step among them.
+        ``"legendre"``: Gauss-Legendre points, of order ``2 degree`` at the nodes. ``"radau"``: Radau IIA points, of
+        order ``2 degree - 1``, which include the end of the step.
+
+    Raises
+    ------
+    DefinitionError
+        A degree out of range, or an unknown scheme.
 
     Examples
     --------
@@ -51,19 +56,24 @@ class Collocation:
 
     @property
     def order(self) -> int:
-        """Order of the error at the nodes in the length of the steps."""
+        """Order of the error at the nodes, as a power of the step length."""
         return 2 * self.degree - (self.scheme == "radau")
 
 
 @attrs.frozen
 class MultipleShooting:
-    """Multiple shooting: every step is integrated by the problem's Runge-Kutta method and joined to the next.
+    """A multiple-shooting transcription: the problem's Runge-Kutta method integrates every step.
 
     Parameters
     ----------
     degree
-        Of the energy formulation alone: in every step the curvatures are polynomials given at ``degree`` Gauss-Legendre
-        points. Default: half the order of the integrator, rounded up, so that neither limits the other.
+        For the energy formulation only: in every step the curvatures are polynomials, given at ``degree``
+        Gauss-Legendre points. Default: half the order of the integrator, rounded up, so that neither limits the other.
+
+    Raises
+    ------
+    DefinitionError
+        A degree out of range.
 
     Examples
     --------
@@ -93,7 +103,7 @@ class Tableau:
 
 @cache
 def tableau(degree: int, scheme: str = "legendre") -> Tableau:
-    """The collocation method of that name."""
+    """The tableau of a collocation method."""
     nodes = np.array(ca.collocation_points(degree, scheme))
     powers = np.arange(degree)
     vandermonde = nodes[:, None] ** powers
@@ -103,6 +113,6 @@ def tableau(degree: int, scheme: str = "legendre") -> Tableau:
 
 
 def interpolation(nodes: Array, points: Array) -> Array:
-    """The matrix that takes values at ``nodes`` to those of their polynomial at ``points``."""
+    """The matrix from values at ``nodes`` to values of their polynomial at ``points``."""
     powers = np.arange(len(nodes))
     return np.asarray(np.linalg.solve((nodes[:, None] ** powers).T, (points[:, None] ** powers).T).T)

@@ -1,4 +1,4 @@
-"""The second variation of the potential energy, counted from the free tip to the entry point.
+"""The negative directions of the potential energy's second variation, counted from the free tip to the entry point.
 
 At an arc length the configuration varies by ``q = (phi_x, phi_y, psi_i + phi_z)``, ``phi`` turning the backbone frame
 (seen from it), and by the position where loads depend on it. Variations of a stationary shape obey the linearized
@@ -23,7 +23,7 @@ from ..mechanics.state import State
 from .shooting import shooting_functions
 from .small_matrices import Ldl, quarters, root_of, solved, symplectic_defect
 
-_REGULAR = 0.3  # of its elastic part: what a step's compliance must keep, or it may hide a conjugate point of its own
+_REGULAR = 0.3  # of its elastic part must remain of a step's compliance, or the step may hide a conjugate point
 
 
 class SecondVariationFunctions:
@@ -41,14 +41,14 @@ class SecondVariationFunctions:
         self.bent = 2 + tubes  # entries of q with an elastic stiffness; a position has none
         self.positions = 3 if kind.live else 0
         self.size = self.bent + self.positions
-        self.directions, self.told = self._directions_at(), self._told()
+        self.directions, self.step_results = self._directions_at(), self._step_results()
         self.transfer = self._transfer()
         self.eliminate = self._eliminate()
         self.entry = self._entry()
 
     @built_once
     def count(self, steps: int) -> ca.Function:
-        """``(states, columns, compliance, least) -> (negative, not_positive, doubtful, margin)`` over so many steps.
+        """The function ``(states, columns, compliance, least) -> (negative, not_positive, doubtful, margin)``.
 
         How many eigenvalues of (second variation, elastic part) are below ``-margin`` and below ``margin``, which is
         ``least`` or the largest defect of a step; ``doubtful (1, steps)`` is not zero where a step must be cut.
@@ -58,15 +58,15 @@ class SecondVariationFunctions:
         compliance, least = ca.MX.sym("compliance", self.tubes), ca.MX.sym("least")
         *data, doubtful, defect = self.transfer.map(steps)(states, columns)
         margin = ca.fmax(least, ca.mmax(defect))
-        data = [_backward(each, steps) for each in data]
+        data = [_backward(matrices, steps) for matrices in data]
         eliminate, counts = self.eliminate.mapaccum("eliminate_all", steps), []
         for shift in (-margin, margin):
             w, negative, lost = eliminate(ca.MX(self.size, self.size), *data, ca.repmat(shift, 1, steps))
             counts.append(ca.sum2(negative) + self.entry(w[:, -self.size :], compliance, shift))
             doubtful += _backward(lost, steps)
-        given, names = [states, columns, compliance, least], ["states", "columns", "compliance", "least"]
-        told = ["negative", "not_positive", "doubtful", "margin"]
-        return ca.Function("second_variation", given, [*counts, doubtful, margin], names, told)
+        inputs, names = [states, columns, compliance, least], ["states", "columns", "compliance", "least"]
+        outputs = ["negative", "not_positive", "doubtful", "margin"]
+        return ca.Function("second_variation", inputs, [*counts, doubtful, margin], names, outputs)
 
     # -- symplectic coordinates ------------------------------------------------------------------------------------
 
@@ -92,12 +92,12 @@ class SecondVariationFunctions:
         ``m_z``, which makes the pair symmetric.
         """
         parts, state = State.parts(self.tubes), State.split(x, self.tubes)
-        own = State.split(directions, self.tubes)
-        phi = turn_of(state.orientation) @ own.orientation
+        changes = State.split(directions, self.tubes)
+        phi = turn_of(state.orientation) @ changes.orientation
         seen = ca.mtimes(ca.vertcat(-state.bending[1], state.bending[0]), phi[2, :])
-        bending = own.bending + seen + ca.mtimes(_half_axial(state), phi[:2, :])
-        q = [phi[:2, :], own.angles + ca.repmat(phi[2, :], self.tubes, 1)]
-        momenta = [bending, own.torsion]
+        bending = changes.bending + seen + ca.mtimes(_half_axial(state), phi[:2, :])
+        q = [phi[:2, :], changes.angles + ca.repmat(phi[2, :], self.tubes, 1)]
+        momenta = [bending, changes.torsion]
         if self.positions:
             q.append(directions[parts["position"], :])
             momenta.append(directions[parts["force"], :])
@@ -106,20 +106,20 @@ class SecondVariationFunctions:
     # -- functions -------------------------------------------------------------------------------------------------
 
     def _transfer(self) -> ca.Function:
-        """In MX around the functions in SX, as writing the step out once more would cost more than calls do."""
+        """The function ``transfer``, in MX: calls of SX functions cost less than another copy of the step."""
         x, column = ca.MX.sym("x", State.size(self.tubes)), ca.MX.sym("column", self.shooting.columns.size)
         step = self.shooting.linear_step(2 * self.size)
         names = ["T", "H", "flexibility", "doubtful", "defect"]
-        results = self.told.call([step(self.directions(x), column), column])
+        results = self.step_results.call([step(self.directions(x), column), column])
         return ca.Function("transfer", [x, column], results, ["x", "column"], names)
 
     def _directions_at(self) -> ca.Function:
-        """A state, and beside it the directions to follow over a step."""
+        """A function from a state to the state and the directions to follow over a step."""
         state = ca.SX.sym("x", State.size(self.tubes))
         return ca.Function("directions", [state], [ca.densify(ca.horzcat(state, self._directions(state)))])
 
-    def _told(self) -> ca.Function:
-        """From the state at the end of a step, the directions there beside it, and the step's column, its results."""
+    def _step_results(self) -> ca.Function:
+        """A function from the state and directions at the end of a step, and its column, to the step's results."""
         n, layout, size = self.size, self.shooting.columns, State.size(self.tubes)
         state, data, moved = ca.SX.sym("x", size), ca.SX.sym("column", layout.size), ca.SX.sym("moved", size, 2 * n)
         transfer = self._coordinates(state, moved)
@@ -130,16 +130,16 @@ class SecondVariationFunctions:
             transfer[n + self.bent :, :] -= hessian @ transfer[self.bent : n, :]  # up to the load
         flexible = self._flexibility(data)
         unit = ca.sqrt(ca.if_else(data[0] == 0, 1, flexible))
-        own = _sized(transfer, unit)
-        _, b, _, d = (block[: self.bent, : self.bent] for block in quarters(own))
+        dimensionless = _sized(transfer, unit)
+        _, b, _, d = (block[: self.bent, : self.bent] for block in quarters(dimensionless))
         bends = Stiffness.of(lambda name: data[layout.parts[name]]).bends()  # where not, only its torsion resists
         counts = ca.vertcat(ca.SX.ones(2), ca.if_else(bends, 1, 0))
         doubtful = ca.if_else(data[0] == 0, 0, _irregular(b, counts) + _irregular(d, counts))
-        results = [ca.densify(transfer), ca.densify(hessian), flexible, doubtful, symplectic_defect(own)]
+        results = [ca.densify(transfer), ca.densify(hessian), flexible, doubtful, symplectic_defect(dimensionless)]
         return ca.Function("told", [ca.horzcat(state, moved), data], results)
 
     def _flexibility(self, column: Any) -> Any:
-        """By how much the step's end moves under unit momenta there: ``h / K``, and ``h^3 / K`` of a position."""
+        """Motion of the step's end under unit momenta there: ``h / K``, and ``h^3 / K`` for a position."""
         parts, length = self.shooting.columns.parts, column[0]
         stiffness = ca.vertcat(*Stiffness.of(lambda name: column[parts[name]]).resistance())
         return ca.vertcat(length / stiffness, ca.repmat(length**3 / stiffness[0], self.positions, 1))
@@ -158,10 +158,10 @@ class SecondVariationFunctions:
         answer = Ldl.of(ca.SX.eye(n) + root.T @ w @ root)
         moved = c + w @ a
         before = solved(d, moved - w @ root @ answer.solve(root.T @ moved))  # d^-1 (1 + W F)^-1 (c + W a)
-        given = [behind, transfer, hessian, flexible, shift]
+        inputs = [behind, transfer, hessian, flexible, shift]
         results = [0.5 * (before + before.T), answer.negative, lost]
         names = ["W", "T", "H", "flexibility", "shift"]
-        return ca.Function("eliminate", given, results, names, ["before", "negative", "lost"], {"cse": True})
+        return ca.Function("eliminate", inputs, results, names, ["before", "negative", "lost"], {"cse": True})
 
     def _entry(self) -> ca.Function:
         w, compliance = ca.SX.sym("W", self.size, self.size), ca.SX.sym("compliance", self.tubes)
@@ -176,13 +176,13 @@ second_variation_functions = shared_by_kind(SecondVariationFunctions, most=24)
 
 
 def _backward(beside: Any, steps: int) -> Any:
-    """The steps' matrices, side by side, in reverse."""
+    """The matrices of the steps, side by side, in reverse order."""
     width = beside.shape[1] // steps
     return ca.horzcat(*ca.horzsplit(beside, width)[::-1]) if width else beside
 
 
 def _half_axial(state: State[Any]) -> Any:
-    """``(phi x m_z / 2)_xy`` as a matrix on ``phi_xy``."""
+    """The product ``(phi x m_z / 2)_xy`` as a matrix on ``phi_xy``."""
     return 0.5 * ca.sum1(state.torsion) * ca.DM([[0, 1], [-1, 0]])
 
 
@@ -201,6 +201,6 @@ def _sized(transfer: Any, unit: Any) -> Any:
 
 
 def _irregular(block: Any, counts: Any) -> Any:
-    """In how many directions that count the symmetric part of a dimensionless block is less than it must be."""
+    """Number of counted directions in which the symmetric part of a dimensionless block is too small."""
     symmetric = 0.5 * (block + block.T) * (counts @ counts.T) + ca.diag(1 - counts)
     return Ldl.of(symmetric - _REGULAR * ca.SX.eye(block.shape[0])).negative

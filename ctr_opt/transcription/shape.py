@@ -1,4 +1,4 @@
-"""A shape between the nodes of a mesh: states, curvatures, energies at any arc length."""
+"""A shape between the nodes of a mesh: states, curvatures and energies at any arc length."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..mechanics.state import State, state_scales
 from .shooting import NodeStates, Shooting, ShootingFunctions, shooting_functions
 from .stability import SecondVariation, second_variation, smallest_eigenvalue
 
-_QUADRATURE = 6  # Gauss points a step for energies: exact to the accuracy of the steps themselves
+_QUADRATURE = 6  # Gauss points per step for energies: as accurate as the steps themselves
 
 
 @attrs.frozen(eq=False)
 class Values:
-    """Everything at some arc lengths, SI, one column each.
+    """All values at some arc lengths, SI, one column each.
 
     The state; ``u_xy (2, k)``; ``u_i,z (tubes, k)``; the tubes' moments in their own frames ``(tubes, 3, k)``; the
     elastic energy density ``(k,)``.
@@ -38,7 +38,7 @@ class Values:
 
 
 class Shape:
-    """States at the nodes, carried on from the node at the left by one step of the integrator."""
+    """States at the nodes; between them, one step of the integrator starts at the node to the left."""
 
     def __init__(self, configuration: Configuration, mesh: Array, nodes: NodeStates, integrator: str = "RK8") -> None:
         self.configuration = configuration
@@ -59,7 +59,7 @@ class Shape:
         return Shooting(self.configuration, self.mesh, self.integrator)
 
     def inside(self, s: Array, most: float, what: str) -> Array:
-        """``s`` as an array, or an error where it is not within ``[0, most]``; the break points are hit exactly."""
+        """Check that ``s`` is within ``[0, most]``; values within rounding of break points are moved onto them."""
         points = np.asarray(s, dtype=np.float64)
         slack = self.configuration.ends.slack
         wrong = ~((points >= -slack) & (points <= most + slack))
@@ -79,7 +79,7 @@ class Shape:
         return np.clip(step, 0, len(starts) - 1)
 
     def at(self, s: Array, from_left: NDArray[np.bool_] | bool = False) -> Values:
-        """Values at ``s (k,)``: the limit from the right, from the left where asked and at ``length``."""
+        """Values at ``s (k,)``: limits from the right; from the left on request and at ``length``."""
         step = self._step(s, from_left)
         starts, ends = self.mesh[:, 0], self.mesh[:, 1]
         pieces, middle = np.column_stack((starts[step], s)), self.mesh.mean(axis=1)[step]
@@ -102,14 +102,14 @@ class Shape:
 
     @cached_property
     def second_variation(self) -> SecondVariation | None:
-        """Of the potential energy; None where a load has none, and where it could not be told."""
+        """The second variation of the potential energy; None without a potential, or if undecided."""
         if self.configuration.without_potential:
             return None
         return second_variation(self.shooting, self.nodes.right)
 
     @cached_property
     def smallest_eigenvalue(self) -> float:
-        """Of the second variation against its elastic part, where it is positive."""
+        """Smallest eigenvalue of a positive second variation relative to its elastic part."""
         return smallest_eigenvalue(self.shooting, self.nodes.right)
 
     @cached_property
@@ -129,12 +129,12 @@ class Shape:
 
     @property
     def elastic_energy(self) -> float:
-        """Of the tubes in ``[0, length]``, J."""
+        """Elastic energy of the tubes in ``[0, length]``, J."""
         return self._integrals[0]
 
     @property
     def load_work(self) -> float:
-        """``sum F . p + integral of f . p`` of the dead forces, less the ``V(p)`` of loads by potential, J."""
+        """Work ``sum F . p + integral of f . p`` of the dead forces minus ``V(p)`` of loads by potential, J."""
         configuration = self.configuration
         points = np.array([placed.start for placed in configuration.points])
         if not len(points):
@@ -146,7 +146,7 @@ class Shape:
 
 
 def _potentials(fields: tuple[Field, ...], loads: LoadValues, positions: Array) -> Array:
-    """``sum of factor V(p)`` over the expressions that are potentials, at ``positions (3, k)``."""
+    """The sum of ``factor V(p)`` over the expressions that are potentials, at ``positions (3, k)``."""
     total = np.zeros(positions.shape[1])
     factors = loads.field.reshape(positions.shape[1], len(fields))
     for field, factor, numbers in zip(fields, factors.T, parted(fields, loads.numbers), strict=True):

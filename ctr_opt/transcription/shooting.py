@@ -37,7 +37,7 @@ class ShootingFunctions:
         self.columns = StepColumns(tubes, len(self.integrator.nodes), kind)
         self.entry = EntryColumn(tubes, kind)
         self.tip_rows = boundary.tip_rows(tubes, kind.live)
-        self.unknowns = len(self.tip_rows)  # numbers at the entry point: m_xy, tau_i and, if loads are live, n
+        self.unknowns = len(self.tip_rows)  # number of unknowns at the entry: m_xy, tau_i and, if loads are live, n
         z = ca.SX.sym("z", self.unknowns)
         entry = ca.SX.sym("entry", self.entry.size)
         start = self._start(z, entry)
@@ -59,12 +59,12 @@ class ShootingFunctions:
         self.step = ca.Function("step", [x, column], results, ["x", "column"], ["after", "before"])
 
     def integrated(self, rates: ca.Function, x: Any, column: Any) -> Any:
-        """What ``x`` becomes over a step, by its ``rates`` of ``(x, column of one node)``."""
+        """Integrate ``x`` over a step with the function ``rates`` of ``(x, column of one node)``."""
         return self.integrator.step(lambda inner, j: rates(inner, self.columns.node(column, j)), x, column[0])
 
     @built_once
     def linear_step(self, directions: int) -> ca.Function:
-        """``(x and directions in its space, column) -> (the state behind the step, the directions there)``."""
+        """The function ``(x and directions, column) -> (state behind the step, directions there)``."""
         size = State.size(self.tubes)
         both, column = ca.SX.sym("both", size, 1 + directions), ca.SX.sym("column", self.columns.size)
 
@@ -90,20 +90,20 @@ class ShootingFunctions:
 
     @cached_property
     def support(self) -> ca.Function:
-        """``(z, entry) -> (n, m)``: what the robot exerts on the entry point, loads at ``s = 0`` included; world."""
+        """The function ``(z, entry) -> (n, m)``: load on the entry point, with loads at ``s = 0``; world frame."""
         z, entry = ca.SX.sym("z", self.unknowns), ca.SX.sym("entry", self.entry.size)
         state = self._entered(z, entry)
         moment = ca.vertcat(state.bending, ca.sum1(state.torsion))
         return ca.Function("support", [z, entry], [state.force, rotation_matrix(state.orientation) @ moment])
 
     def _swept(self, count: int) -> tuple[Any, Any, Any]:
-        """Symbols of the unknowns, the entry and the columns of so many steps."""
+        """Symbols of the unknowns, the entry and the columns of ``count`` steps."""
         z, entry = ca.MX.sym("z", self.unknowns), ca.MX.sym("entry", self.entry.size)
         return z, entry, ca.MX.sym("columns", self.columns.size, count)
 
     @built_once
     def sweep(self, count: int) -> ca.Function:
-        """``(z, entry, columns) -> (states behind each step, before its point load)``."""
+        """The function ``(z, entry, columns) -> (start, states behind each step, states before its point load)``."""
         z, entry, columns = self._swept(count)
         start, _ = self.start(z, entry)
         after, before = self.step.mapaccum("sweep", count)(start, columns)
@@ -111,7 +111,7 @@ class ShootingFunctions:
 
     @built_once
     def linearized(self, count: int) -> ca.Function:
-        """``(z, entry, columns) -> (residual, its Jacobian)``."""
+        """The function ``(z, entry, columns) -> (residual, its Jacobian)``."""
         z, entry, columns = self._swept(count)
         start, slope = self.start(z, entry)
         sweep = self.linear_step(self.unknowns).mapaccum("linear_sweep", count)
@@ -126,7 +126,7 @@ class ShootingFunctions:
         return function.map(count)
 
     def many(self, name: str, states: Array, columns: Array) -> tuple[Array, ...]:
-        """The function of ``(state, column)`` of that name at many points at once, ``(size, k)`` each."""
+        """Evaluate the function ``name`` of ``(state, column)`` at many points at once, ``(size, k)`` each."""
         points = states.shape[1]
         count = padded(points)
         extra = ((0, 0), (0, count - points))
@@ -143,13 +143,13 @@ class ShootingFunctions:
         return ca.Function("carry", [directions, x, column, gap], [carried]).mapaccum("carry", count)
 
     def carry(self, first: Array, states: Array, columns: Array, gaps: Array) -> list[Array]:
-        """``first (size, 6 + tubes)`` carried along by the linearized steps from ``states (size, k)``.
+        """Carry ``first (size, 6 + tubes)`` along by the linearized steps from ``states (size, k)``.
 
         The last column collects the ``gaps (size, k)`` on the way. One matrix for each node, ``k + 1`` in all.
         """
         steps, width = states.shape[1], first.shape[1]
         count = padded(steps)
-        padding = [np.pad(each, ((0, 0), (0, count - steps)), mode="edge") for each in (states, columns, gaps)]
+        padding = [np.pad(values, ((0, 0), (0, count - steps)), mode="edge") for values in (states, columns, gaps)]
         carried = self._carry(width, count)(first, *padding).full()[:, : steps * width]
         return [first, *np.split(carried, steps, axis=1)]
 
@@ -159,7 +159,7 @@ shooting_functions = shared_by_kind(ShootingFunctions, most=64)
 
 
 def cut(mesh: Array, parts: NDArray[np.intp]) -> Array:
-    """A mesh with every step cut into so many ``parts (steps,)``."""
+    """Cut every step of a mesh into its number of ``parts (steps,)``."""
     first = np.repeat(np.cumsum(parts) - parts, parts)
     fraction = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
     starts = np.repeat(mesh[:, 0], parts) + fraction * np.repeat(mesh[:, 1] - mesh[:, 0], parts)
@@ -191,17 +191,17 @@ class OnMesh:
         self.entry: Array = functions.entry.pack(configuration, total)
 
     def scaled(self, conservative: float = 1.0, rest: float = 1.0, precurvature: float = 1.0) -> Self:
-        """The same problem with the loads that have a potential, the rest and the preset curvatures multiplied."""
-        other, (steps, entry) = copy(self), self._layouts
-        other._columns = self._columns * steps.factors(conservative, rest, precurvature)[:, None]
-        other.entry = self.entry * entry.factors(conservative, rest, precurvature)
-        return other
+        """A copy with scaled loads with a potential, other loads, and preset curvatures."""
+        scaled, (steps, entry) = copy(self), self._layouts
+        scaled._columns = self._columns * steps.factors(conservative, rest, precurvature)[:, None]
+        scaled.entry = self.entry * entry.factors(conservative, rest, precurvature)
+        return scaled
 
 
 class Shooting(OnMesh):
     """The boundary-value problem of a configuration on a mesh, ready for numbers; everything is dimensionless.
 
-    ``kind`` may provide for more loads than the configuration has.
+    ``kind`` may cover more loads than the configuration has.
     """
 
     def __init__(
@@ -219,17 +219,17 @@ class Shooting(OnMesh):
         return self._columns[:, : len(self.mesh)]
 
     def refined(self, parts: NDArray[np.intp] | None = None) -> Shooting:
-        """The same problem with every step cut in two, or into so many ``parts (steps,)``."""
+        """The problem on a finer mesh, with every step cut in two or into ``parts (steps,)``."""
         parts = np.full(len(self.mesh), 2) if parts is None else parts
         return Shooting(self.configuration, cut(self.mesh, parts), self.integrator, self.kind)
 
     def advance(self, states: Array, first: int) -> Array:
-        """States at the ends of every other step, the ``first`` of them 0 or 1, from those at their beginnings."""
+        """Integrate every other step, beginning with step ``first`` (0 or 1), from the states at their starts."""
         _, before = self.functions.many("step", states, self._columns[:, first : len(self.mesh) : 2])
         return before
 
     def linearize(self, z: Array) -> tuple[Array, Array]:
-        """Residual ``(unknowns,)`` and its exact Jacobian."""
+        """The residual ``(unknowns,)`` and its exact Jacobian."""
         function = self.functions.linearized(self._columns.shape[1])
         residual, jacobian = function(z, self.entry, self._columns)
         return residual.full()[:, 0], jacobian.full()

@@ -1,6 +1,6 @@
-"""Factorizations of small dense symbolic matrices, without pivoting and eigenvalues, so that C code can do them.
+"""Factorizations of small dense symbolic matrices, without pivoting or eigenvalues, so that C code can do them.
 
-What is factored here is near the identity, or has a positive definite symmetric part.
+The matrices are near the identity, or have a positive definite symmetric part.
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from typing import Any
 import attrs
 import casadi as ca
 
-_PIVOT = 1e-8  # a pivot nearer to zero is moved there: rounding and the change of the matrix are equally small then
-_NOTHING = 1e-12  # of a diagonal entry's size: what is left of it beside the columns before is rounding
-_LOST = 1e-6  # of the same: a negative rest beyond is none
+_PIVOT = 1e-8  # smaller pivots are moved to this size: then rounding and the change of the matrix are equally small
+_NOTHING = 1e-12  # of a diagonal entry's size: a smaller remainder is rounding
+_LOST = 1e-6  # of a diagonal entry's size: a more negative remainder is not rounding
 
 
 @attrs.frozen(eq=False)
 class Ldl:
-    """``L D L^T`` of a symmetric matrix, its pivots kept away from zero."""
+    """The factorization ``L D L^T`` of a symmetric matrix, with pivots kept away from zero."""
 
     lower: Any
     pivots: list[Any]
 
     @classmethod
     def of(cls, matrix: Any) -> Ldl:
-        """The factors."""
+        """Factor a matrix."""
         lower, pivots = ca.SX.eye(matrix.shape[0]), []
         for j in range(matrix.shape[0]):
             pivot = matrix[j, j]
@@ -35,11 +35,11 @@ class Ldl:
 
     @property
     def negative(self) -> Any:
-        """How many eigenvalues are negative (Sylvester); all of them where one is not a number."""
+        """Number of negative eigenvalues (Sylvester); all of them if one is NaN."""
         return sum((ca.if_else(pivot > 0, 0, 1) for pivot in self.pivots), ca.SX(0))
 
     def solve(self, right: Any) -> Any:
-        """``(L D L^T)^-1 right``."""
+        """The solution ``(L D L^T)^-1 right``."""
         rows = [right[i, :] for i in range(right.shape[0])]
         for i in range(len(rows)):
             for k in range(i):
@@ -52,13 +52,13 @@ class Ldl:
 
 
 def solved(matrix: Any, right: Any) -> Any:
-    """``matrix^-1 right`` by Gauss's elimination."""
+    """The solution ``matrix^-1 right`` by Gaussian elimination."""
     n = matrix.shape[0]
     both = [ca.horzcat(matrix[i, :], right[i, :]) for i in range(n)]
     for j in range(n):
         for i in range(j + 1, n):
             both[i] = both[i] - both[i][j] / both[j][j] * both[j]
-    rows = [each[n:] for each in both]
+    rows = [row[n:] for row in both]
     for i in reversed(range(n)):
         for k in range(i + 1, n):
             rows[i] = rows[i] - both[i][k] * rows[k]
@@ -67,7 +67,7 @@ def solved(matrix: Any, right: Any) -> Any:
 
 
 def root_of(matrix: Any, size: Any) -> tuple[Any, Any]:
-    """``G`` with ``G G^T = matrix``, semidefinite with diagonal entries of a known ``size``; how many deny that."""
+    """A root ``G`` of a semidefinite ``G G^T = matrix``, and the number of pivots that contradict semidefiniteness."""
     root, lost = ca.SX(*matrix.shape), ca.SX(0)
     for j in range(matrix.shape[0]):
         pivot = matrix[j, j]
@@ -85,7 +85,7 @@ def quarters(matrix: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def symplectic_defect(matrix: Any) -> Any:
-    """Largest entry of ``M^T J M - J``."""
+    """Largest entry of ``M^T J M - J``, which is zero for symplectic matrices."""
     a, b, c, d = quarters(matrix)
     lost = [a.T @ c - c.T @ a, b.T @ d - d.T @ b, a.T @ d - c.T @ b - ca.SX.eye(a.shape[0])]
-    return ca.norm_inf(ca.vertcat(*(ca.vec(each) for each in lost)))
+    return ca.norm_inf(ca.vertcat(*(ca.vec(block) for block in lost)))

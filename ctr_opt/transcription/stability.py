@@ -1,4 +1,4 @@
-"""Is a shape stable? The second variation of the potential energy at its states, in numbers."""
+"""Stability of a shape: the second variation of the potential energy at its states, in numbers."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from .second_variation import second_variation_functions
 from .shooting import Shooting
 
 MARGIN = 1e-7
-"""The least margin; coarse steps need a wider one: what their linear maps lack to be symplectic is an error."""
+"""The least margin; coarse steps need a wider one, as their linear maps are only approximately symplectic."""
 
-_CUTS = 12  # times a step is cut in two before nothing is said ...
+_CUTS = 12  # times that a step is cut in two before giving up ...
 _PRECISION = 1e-3  # of the smallest eigenvalue
 _MOST_STEPS = 3000  # ... or as soon as there are more
 
 
 @attrs.frozen
 class SecondVariation:
-    """How many directions lower the energy, and whether all others raise it (it is ``positive``).
+    """The number of directions that lower the energy, and whether all directions raise it (``positive``).
 
-    ``margin``: an eigenvalue of (second variation, elastic part) nearer to zero is not told from zero.
+    Eigenvalues of (second variation, elastic part) within ``margin`` of zero are not distinguished from zero.
     """
 
     negative: int
@@ -34,12 +34,12 @@ class SecondVariation:
 def second_variation(shooting: Shooting, states: Array) -> SecondVariation | None:
     """The second variation at dimensionless states ``(size, k)`` where the steps of a problem begin.
 
-    Loads must have a potential. None where steps cut ever shorter still may hide something.
+    Loads must have a potential. None if even very short steps may hide a negative direction.
     """
     for _ in range(_CUTS):
-        found, doubtful = count(shooting, states)
+        variation, doubtful = count(shooting, states)
         if not doubtful.any():
-            return found
+            return variation
         if len(states.T) + doubtful.sum() > _MOST_STEPS:
             break
         shooting, states = _halved(shooting, states, doubtful)
@@ -47,10 +47,10 @@ def second_variation(shooting: Shooting, states: Array) -> SecondVariation | Non
 
 
 def smallest_eigenvalue(shooting: Shooting, states: Array) -> float:
-    """Of (second variation, elastic part), from 0 to 1, at states where the second variation is positive.
+    """Smallest eigenvalue of (second variation, elastic part), 0 to 1, of a positive second variation.
 
-    By bisection of the margin at which it still is, to ``_PRECISION``; steps are cut in four, as what is taken off
-    their elastic parts is put between them.
+    It is found by bisection of the margin, to ``_PRECISION``. Steps are cut in four, as the compliance taken from their
+    elastic parts is put between them.
     """
     for _ in range(2):
         shooting, states = _halved(shooting, states, np.ones(len(shooting.mesh), dtype=bool))
@@ -71,14 +71,14 @@ def count(shooting: Shooting, states: Array, least: float = MARGIN) -> tuple[Sec
     size = padded(steps)
     compliance = shooting.entry[shooting.functions.entry.parts["compliance"]]
     filled = np.pad(states, ((0, 0), (0, size - steps)), mode="edge")
-    found = functions.count(size)(filled, layout.pad(shooting.columns, size), compliance, least)
-    negative, not_positive, margin = (float(found[k]) for k in (0, 1, 3))
-    doubtful = found[2].full()[0, :steps] != 0.0
+    results = functions.count(size)(filled, layout.pad(shooting.columns, size), compliance, least)
+    negative, not_positive, margin = (float(results[k]) for k in (0, 1, 3))
+    doubtful = results[2].full()[0, :steps] != 0.0
     return SecondVariation(int(negative), not_positive == 0.0, margin), doubtful
 
 
 def _halved(shooting: Shooting, states: Array, which: NDArray[np.bool_]) -> tuple[Shooting, Array]:
-    """The problem with some steps cut in two, and the states at its nodes."""
+    """Cut some steps in two; returns the problem and the states at its nodes."""
     parts = np.where(which, 2, 1)
     finer = shooting.refined(parts)
     starts = np.cumsum(parts) - parts

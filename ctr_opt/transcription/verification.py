@@ -1,4 +1,4 @@
-"""The check of a shape by an integrator that knows nothing of its discretization: SciPy's adaptive DOP853."""
+"""Verification of a shape by an independent integrator: SciPy's adaptive DOP853."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .shape import Shape
 from .shooting import shooting_functions
 
 _RELATIVE, _ABSOLUTE = 1e-12, 1e-14
-_LONGEST = 1.0 / 32.0  # of a step of the mesh, under expressions: what they hide between longer steps would be missed
+_LONGEST = 1.0 / 32.0  # of a step of the mesh, under expressions: longer steps could miss their variations
 
 
 def integrate(configuration: Configuration, mesh: Array, right: Array) -> tuple[Array, Array]:
-    """Dimensionless states in the middle and at the end of every step of a mesh, from those ``right`` of its start.
+    """Integrate every step of a mesh from the states ``right`` of its start to its middle and its end, dimensionless.
 
-    All steps at once, each an initial-value problem of its own, with data taken at every ``s`` it asks for.
+    All steps are integrated at once, as separate initial-value problems, with data at every ``s`` requested.
     """
     from scipy.integrate import solve_ivp
 
@@ -34,19 +34,19 @@ def integrate(configuration: Configuration, mesh: Array, right: Array) -> tuple[
         return np.asarray((slopes * (lengths / configuration.length)).ravel())
 
     longest = _LONGEST if configuration.kind.fields else np.inf
-    found = solve_ivp(
+    solution = solve_ivp(
         rates, (0.0, 1.0), right.ravel(), "DOP853", (0.5, 1.0), rtol=_RELATIVE, atol=_ABSOLUTE, max_step=longest
     )
-    if not found.success:
-        raise ArithmeticError(f"the integration of a step stopped: {found.message}")
-    return found.y[:, 0].reshape(right.shape), found.y[:, 1].reshape(right.shape)
+    if not solution.success:
+        raise ArithmeticError(f"the integration of a step stopped: {solution.message}")
+    return solution.y[:, 0].reshape(right.shape), solution.y[:, 1].reshape(right.shape)
 
 
 def defect(shape: Shape, z: Array) -> float:
-    """Largest distance between a shape, at both ends and the middle of every step, and the exact one, m.
+    """Largest distance between a shape and the exact one, at both ends and the middle of every step, m.
 
-    The exact shape: every step integrated anew, the gaps that this leaves closed by one Newton step. Infinite where the
-    integrator fails; ``z`` are the shape's unknowns at the entry point.
+    For the exact shape every step is integrated again, and one Newton step closes the gaps. The distance is infinite if
+    the integrator fails; ``z`` are the shape's unknowns at the entry point.
     """
     configuration, nodes, mesh = shape.configuration, shape.nodes, shape.mesh
     try:

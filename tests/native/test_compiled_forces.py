@@ -153,5 +153,5 @@ def test_precurvature_that_varies_is_left_to_the_virtual_machine():
     observables = [one for each in forces(2) for one in each.observables]
     model = loaded_model(robot, actuation, [], (), ["rotations"], observables, True, lambda: 1)
     assert not model.compiled
-    with pytest.raises(ctr.DefinitionError, match="does not tell it of this robot"):
+    with pytest.raises(ctr.DefinitionError, match="cannot predict it for this robot"):
         Predictions(robot, [], [(actuation, [])], [FORCE])

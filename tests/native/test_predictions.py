@@ -295,12 +295,12 @@ def test_what_is_supported():
 def test_wrong_questions_are_told():
     made = rod()
     cases = {
-        "takes no derivatives": (["tubes[0].precurvature[0].length"], TIP, []),
+        "does not support derivatives": (["tubes[0].precurvature[0].length"], TIP, []),
         "is not a parameter": (["rotation"], TIP, []),
         r"observables\[0\].place = 0.2": ([], Observable("pose", 0.2), []),
         "tube = 1 must be": ([], Observable("pose", 0.05, 1), []),
         "loads: compiled code": ([], TIP, [ctr.DistributedLoad(force=lambda s: [s, 0.0, 0.0])]),
-        "does not tell it": ([], Observable("internal_force", 0.05), []),
+        "cannot predict it": ([], Observable("internal_force", 0.05), []),
     }
     for message, (names, observable, loads) in cases.items():
         with pytest.raises(ctr.DefinitionError, match=message):

@@ -77,7 +77,7 @@ CALLS = {
     ),
     "pose is no rotation": (
         lambda: ctr.Robot([tube()], np.diag([1.0, 2.0, 1.0, 1.0])),
-        ["base_pose", "no rotation", "det R = 2"],
+        ["base_pose", "not a rotation", "det R = 2"],
     ),
     "pose is a reflection": (lambda: ctr.Robot([tube()], np.diag([1.0, 1.0, -1.0, 1.0])), ["base_pose", "det R = -1"]),
     "pose of wrong shape": (lambda: ctr.Robot([tube()], np.eye(3)), ["base_pose", "(3, 3)", "(4, 4)"]),

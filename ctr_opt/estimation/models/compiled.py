@@ -14,7 +14,7 @@ from ...layout.observables import Observable, ObservedList, Somewhere
 from ...loads.kind import Load
 from ...native import compile as compilation
 from ...native.calls import LoadRows
-from ...native.predictions import Predictions, arc_length, supported, told
+from ...native.predictions import Predictions, arc_length, predictable, supported
 from ...robot.actuation import Actuation, actuation_of, joints_of
 from ...robot.names import euler_rates, field_of, parsed
 from ...robot.robot import Robot
@@ -35,7 +35,7 @@ def compilable(
     if wanted is False or (wanted is None and (compilation.on_request_only() or compilation.compiler() is None)):
         return False
     return (
-        all(told(one, robot) for one in observables)
+        all(predictable(one, robot) for one in observables)
         and all(supported(name, robot, loads) for name in acting)
         and LoadRows.of(robot, loads) is not None
     )
