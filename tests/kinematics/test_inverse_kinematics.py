@@ -335,7 +335,7 @@ def wrong(problem, shape):
         ),
         "no rotation on a path": (
             lambda: problem.solve_path([np.eye(4), np.diag([2.0, 1.0, 1.0, 1.0])]),
-            ["targets[1]", "no rotation"],
+            ["targets[1]", "not a rotation"],
         ),
         "no direction on a path": (
             lambda: problem.solve_path([[0, 0, 0.1]] * 2, axes=[[0, 0, 1], [0, 0, 0]]),
