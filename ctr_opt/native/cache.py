@@ -119,7 +119,7 @@ def cache_directory() -> Path:
         raise OSError("there is no home directory")
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not (_is_ours(path.stat()) and _is_ours(path.lstat())):
-        raise OSError(f"{path} belongs to another user, or other users may write there: run chmod 700 on it")
+        raise OSError(f"{path} belongs to another user, or other users may write there (chmod 700 makes it private)")
     return path
 
 

@@ -139,7 +139,7 @@ def _build(entry: Kept | None, text: str, chosen: Compiler) -> ctypes.CDLL:
 
 
 def _cannot_keep(error: OSError) -> None:
-    _warn_once(f"compiled code is not kept for later processes: {error}; set {DIRECTORY} to another directory")
+    _warn_once(f"compiled code is not kept for later processes: {error}; to use another directory, set {DIRECTORY}")
 
 
 def _key(text: str, chosen: Compiler) -> str:

@@ -1,9 +1,9 @@
-/* What Python calls. Every function returns 0 or why it gave up; then the slower way is taken, which tells the user more. */
+/* The functions that Python calls. Each returns 0 or why it gave up; then the general solver runs, which reports more. */
 
 static const int MOST_REFINEMENTS = 3, MOST_CUTS = 3, FEW = 8; /* FEW: sweeps from nearby */
 static const double SAFETY = 10.0; /* the sum of weighted local errors, so multiplied, bounds the error in all tried */
 
-/* The layout of a result, its steps halved as often. */
+/* The layout of a result, its steps halved as many times as the solve halved them. */
 static int again(const Robot *robot, const Loads *loads, const double *actuation, int refinements, Layout *layout) {
   Layout finer;
   int failed = lay_out(robot, loads, actuation, layout);
@@ -14,10 +14,10 @@ static int again(const Robot *robot, const Loads *loads, const double *actuation
   return failed;
 }
 
-/* A solve on ever finer meshes, from z near the solution on that of `first` and the inverse of a Jacobian nearby, until
-   the error of positions is below the tolerance: by the sum of local errors or, where that is too large, by half the
-   steps' length. R_ERROR is negative where it is only known to be below. The Jacobian left is that of RK4: `near`, if it is
-   known close by, or a new one. `far`: the start was so far away that Broyden's method failed or was slow. */
+/* A solve on finer and finer meshes, from z near the solution on that of `first` and the inverse of a Jacobian nearby, until
+   the error of positions is below the tolerance: by the sum of local errors or, if that is too large, by half the step
+   length. R_ERROR is negative if only an upper bound is known. The Jacobian left is that of RK4: `near`, if it is known
+   close by, or a new one. `far`: the start was so far away that Broyden's method failed or was slow. */
 static int refine(const Case *first, double *z, double *inverse_, const Tangent *near, const Goal *goal, int iterations,
                   int far, double *result, long capacity) {
   Case c, halves, coarse = *first;
@@ -82,8 +82,8 @@ static int refine(const Case *first, double *z, double *inverse_, const Tangent 
   return INACCURATE;
 }
 
-/* Whether tubes turn by more than half a turn in each other. Whole turns leave equilibrium and Jacobian as they are, so that
-   no comparison of Jacobians would see the folds that such a step passes. */
+/* Whether tubes turn by more than half a turn in each other. Whole turns do not change equilibrium and Jacobian, so a
+   comparison of Jacobians would miss the folds that such a step passes. */
 static int turned_far(const double *from, const double *to) {
   double least = INFINITY, most = -INFINITY;
   for (int i = 0; i < TUBES; i++) {
@@ -127,8 +127,8 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
   return regular_between(before, result + RESULT_START(0) + START_JACOBIAN, most) ? 0 : PERHAPS_ANOTHER_BRANCH;
 }
 
-/* From nothing: a coarse integrator follows the path from the straight robot and the fine one finishes; where that is too
-   coarse, the fine one does both. */
+/* A cold start: a coarse integrator follows the path from the straight robot and the fine one finishes. If the coarse one
+   is too coarse, the fine one does both. */
 EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation, const Goal *goal, double *result,
                 long capacity) {
   empty();
@@ -151,7 +151,7 @@ EXPORT int cold(const Robot *robot, const Loads *loads, const double *actuation,
   return failed;
 }
 
-/* Of a result, exactly: the Jacobian of the tip conditions, and behind it the estimated error of positions. */
+/* Exact values for a result: the Jacobian of the tip conditions, and behind it the estimated error of positions. */
 EXPORT int inspect(const Robot *robot, const Loads *loads, const double *actuation, const double *result, double *out) {
   empty();
   Layout layout, finer;
@@ -164,7 +164,7 @@ EXPORT int inspect(const Robot *robot, const Loads *loads, const double *actuati
   return failed ? failed : examine(&c, &halves, z, left, out, out + NZ * NZ);
 }
 
-/* How many directions lower the potential energy, -1 where that is undecided; see stability.h. For loads that have one. */
+/* Number of directions that lower the potential energy, -1 if undecided; see stability.h. Loads must have a potential. */
 EXPORT int stability(const Robot *robot, const Loads *loads, const double *actuation, const double *result, double *margin) {
   empty();
   const int refinements = (int)result[R_REFINEMENTS];
@@ -179,9 +179,9 @@ EXPORT int stability(const Robot *robot, const Loads *loads, const double *actua
   return negative;
 }
 
-/* Many solves, the first from `first`, or from nothing if that is NULL, and the others like it or, if `chained`, each from
-   the one before, until one fails. Results stand `size` numbers apart; `failed` says of each what a single call would
-   return. Returns how many were tried. */
+/* Many solves, the first from `first`, or cold if that is NULL. The others do the same or, if `chained`, start each from
+   the one before, until one fails. Results are `size` numbers apart; `failed` contains what single calls would return.
+   Returns the number of solves tried. */
 EXPORT int many(const Robot *robot, const Loads *const *loads, const double *actuations, int count, const double *first,
                 int chained, const Goal *goal, double *results, long size, int *failed) {
   const double *start = first;
@@ -215,8 +215,8 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
   return failed;
 }
 
-/* Residual, predictions and their derivatives at unknowns that need not be those of an equilibrium: see model.h. The steps
-   are halved so often. */
+/* Residual, predictions and their derivatives at unknowns that need not be those of an equilibrium: see model.h. All steps
+   are halved `refinements` times. */
 static int model(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
                  const Asked *asked, Answer answer) {
   empty();
@@ -228,8 +228,8 @@ static int model(const Robot *robot, const Loads *loads, const double *actuation
   return evaluate(&layout, scaled, asked, &answer);
 }
 
-/* `model` for many experiments with as many directions and probes each; `failed` says of each what a single call would
-   return. Returns how many failed. */
+/* `model` for many experiments with equal numbers of directions and probes; `failed` contains what single calls would
+   return. Returns the number of failures. */
 EXPORT int models(const Robot *robot, const Loads *const *loads, const double *actuations, const double *z, int count,
                   int refinements, const Asked *asked, const Answer *answers, int *failed) {
   int failures = 0;

@@ -1,10 +1,10 @@
 /* From robot, actuation and loads to break points, sections and steps. SI throughout.
 
-   The equations are smooth but where something begins or ends: a piece of precurvature, a tube, a load. These break points
+   The equations are smooth except where something begins or ends: a piece of precurvature, a tube, a load. These break points
    are collected from everything that has one, sorted along the arc length, and those closer than SAME_POINT of the length
    are merged, as decimal inputs place equal points apart by rounding. What lies between two of them is a section, in which
-   the tubes present and their polynomials are fixed: all that is asked of a section is asked at its middle, so that no
-   comparison is ever made at a point where the answer changes. A section is cut into equal steps, none of which turns more
+   the tubes present and their polynomials are fixed. All queries about a section are made at its middle, so that no
+   comparison happens at a point where the answer changes. A section is cut into equal steps, none of which turns more
    than LARGEST_TURN by a bound from the precurvatures, moments and forces.
 
    Every break point knows what moves it, its mover: the tube that carries it, the arc length of a point load, or nothing.
@@ -12,7 +12,7 @@
    would depend on the direction in which they part: such movers are `tied`, and their derivatives are refused. */
 
 /* What moves a break point: a tube, i; the arc length of a point load, TUBES + k; nothing. A point row of zeros breaks no
-   step, so that it may lie wherever it likes: it is IDLE. */
+   step, so that it may lie anywhere: it is IDLE. */
 enum { IDLE = -2, FIXED = -1 };
 
 typedef struct {

@@ -1,4 +1,4 @@
-/* Newton's method and continuation, never silent: each returns 0 only where it converged.
+/* Newton's method and continuation; each returns 0 only if it converged.
 
    Unknown are the moments (and the force) z at the entry; the tip conditions r(z) must vanish. A sweep that yields r costs
    a fraction of one that yields the Jacobian J too. So Newton's method with fresh Jacobians is only used until a step is

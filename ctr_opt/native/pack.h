@@ -169,7 +169,7 @@ static int pack(Layout *layout, const Tableau *rk, Case *c) {
   return 0;
 }
 
-/* A copy of a case with loads and precurvatures multiplied, in columns of its own. */
+/* A copy of a case with its own columns, in which loads and precurvatures are multiplied. */
 static void scale_case(const Case *c, double factor, double *columns, Case *scaled) {
   const int size = column_size(c->track.rk);
   *scaled = *c;

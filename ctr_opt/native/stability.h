@@ -1,5 +1,5 @@
 /* The number of directions in which the potential energy falls: see transcription/second_variation.py, which derives the
-   steps taken here, backward from the tip. Negative: not defined, or the steps are too coarse to tell. */
+   steps taken here, backward from the tip. Negative: not defined, or the steps are too coarse to decide. */
 
 enum { UNDECIDED = -1, MANY = 2 * (2 + TUBES), COUNTED = PADDED(MANY) };
 
@@ -22,9 +22,9 @@ static int count(const Case *c, const Linear *linear, double shift) {
   return (int)(total + negative);
 }
 
-/* From the states `right` where steps began before each was cut into so many `parts`. The margin is that of an eigenvalue
-   distinguished from zero, and negative where one is not: then the second variation is not positive, though it may have no negative
-   direction. */
+/* The count from the states `right` where steps began before each was cut into `parts`. The margin is the smallest size of
+   an eigenvalue that is distinguished from zero. It is negative if some eigenvalue is not: then the second variation is not
+   positive, though it may have no negative direction. */
 static int unstable_directions(const Case *c, const double *right, int parts, double *margin) {
   Linear *linear = take(sizeof(Linear) * c->track.steps);
   if (!linear) return UNDECIDED;

@@ -386,7 +386,7 @@ def test_a_cache_where_others_may_write_is_not_used(cache, caplog, mode):
     cache.mkdir()
     cache.chmod(mode)
     assert load("answer", answer(42)).answer() == 42
-    assert "others may write" in caplog.text
+    assert "other users may write" in caplog.text
     assert not list(cache.iterdir())
 
 
