@@ -279,7 +279,7 @@ class CompiledRecord:
 
     @cached_property
     def outcome(self) -> Outcome:
-        """How the solve went."""
+        """The outcome of the solve."""
         jacobian, error = self._inspected
         return Outcome(
             SolveStatus.CONVERGED,

@@ -66,7 +66,7 @@ class Equilibrium:
 
     @property
     def status(self) -> SolveStatus:
-        """How the solve ended."""
+        """The status with which the solve ended."""
         return self.record.status
 
     @property
@@ -81,7 +81,7 @@ class Equilibrium:
 
     @property
     def message(self) -> str:
-        """What was tried and how far it got; empty if the solve converged."""
+        """Message of a failed solve: what was tried and how far it got; empty if the solve converged."""
         return self.record.outcome.message
 
     @property

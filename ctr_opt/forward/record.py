@@ -155,7 +155,7 @@ class SolvedRecord:
 
     @property
     def status(self) -> SolveStatus:
-        """How the solve ended."""
+        """The status with which the solve ended."""
         return self.outcome.status
 
     @property

@@ -22,7 +22,7 @@ _NAMES = {kind.__name__.lower(): kind for kind in _KINDS}
 
 @attrs.frozen
 class Settings:
-    """How a :class:`~ctr_opt.ForwardProblem` solves."""
+    """The checked settings of a :class:`~ctr_opt.ForwardProblem`."""
 
     formulation: str
     method: Method

@@ -1,1 +1,1 @@
-"""From algebra to numbers; the only place that builds CasADi solvers."""
+"""Numerical solvers; the only package that builds CasADi solvers."""

@@ -169,7 +169,7 @@ class Swept:
     """A parametric problem swept on a mesh at symbols ``z`` and ``theta``: states at the positions, and the residual.
 
     ``right (size, positions)`` are the states behind the positions, ``left`` those before them, from the second on;
-    ``weights (positions, marks)`` are one where a mark, mostly a probe, stands; ``sides (2 sections, asked)`` are those
+    ``weights (positions, marks)`` are one at a mark, mostly a probe; ``sides (2 sections, asked)`` are those
     of :meth:`Order.sides <ctr_opt.layout.ordering.Order.sides>`.
     """
 

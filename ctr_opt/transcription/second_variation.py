@@ -1,13 +1,14 @@
 """The negative directions of the potential energy's second variation, counted from the free tip to the entry point.
 
-At an arc length the configuration varies by ``q = (phi_x, phi_y, psi_i + phi_z)``, ``phi`` turning the backbone frame
-(seen from it), and by the position where loads depend on it. Variations of a stationary shape obey the linearized
-equations, over each step a linear and symplectic map ``T`` of ``q`` and its momenta, the moments (and the force). What
-lies behind a place answers a variation there with the momenta ``-W q``, ``W = 0`` behind the tip; a step held at its
-beginning has the compliance ``F``. Then the second variation has as many negative directions at the step's end as
-``1 + F W`` has negative eigenvalues, and ``T`` carries ``W`` on to the step's beginning. The sum over all steps and the
-transmissions is the number of negative directions of the whole, each with its multiplicity, as the inertia of a
-symmetric matrix is that of its pivots (Sylvester, Haynsworth). No step is integrated against its growth.
+At an arc length the configuration varies by ``q = (phi_x, phi_y, psi_i + phi_z)``, where ``phi`` turns the backbone
+frame (seen from it), and by the position if loads depend on it. Variations of a stationary shape obey the linearized
+equations. Over each step these are a linear, symplectic map ``T`` of ``q`` and its momenta, the moments (and the force).
+
+The part behind a place answers a variation there with the momenta ``-W q``; ``W = 0`` behind the tip. A step held at its
+beginning has the compliance ``F``. The number of negative directions at the step's end is then the number of negative
+eigenvalues of ``1 + F W``, and ``T`` carries ``W`` to the step's beginning. The sum over all steps and the transmissions
+counts the negative directions of the whole with multiplicity, because the inertia of a symmetric matrix is that of its
+pivots (Sylvester, Haynsworth). No step is integrated against its growth.
 """
 
 from __future__ import annotations
@@ -86,9 +87,9 @@ class SecondVariationFunctions:
         return directions
 
     def _coordinates(self, x: Any, directions: Any) -> Any:
-        """``q`` and momenta of directions in state space at ``x``.
+        """The coordinates ``q`` and momenta of directions in state space at ``x``.
 
-        ``m_xy`` is seen from the frame that turns: its momentum is ``dm_xy + (phi x m)_xy``, but for half the part of
+        ``m_xy`` is seen from the turning frame: its momentum is ``dm_xy + (phi x m)_xy``, except for half the part of
         ``m_z``, which makes the pair symmetric.
         """
         parts, state = State.parts(self.tubes), State.split(x, self.tubes)
@@ -136,7 +137,7 @@ class SecondVariationFunctions:
         counts = ca.vertcat(ca.SX.ones(2), ca.if_else(bends, 1, 0))
         doubtful = ca.if_else(data[0] == 0, 0, _irregular(b, counts) + _irregular(d, counts))
         results = [ca.densify(transfer), ca.densify(hessian), flexible, doubtful, symplectic_defect(dimensionless)]
-        return ca.Function("told", [ca.horzcat(state, moved), data], results)
+        return ca.Function("step_results", [ca.horzcat(state, moved), data], results)
 
     def _flexibility(self, column: Any) -> Any:
         """Motion of the step's end under unit momenta there: ``h / K``, and ``h^3 / K`` for a position."""
