@@ -2,13 +2,14 @@
 
 At an arc length the configuration varies by ``q = (phi_x, phi_y, psi_i + phi_z)``, where ``phi`` turns the backbone
 frame (seen from it), and by the position if loads depend on it. Variations of a stationary shape obey the linearized
-equations. Over each step these are a linear, symplectic map ``T`` of ``q`` and its momenta, the moments (and the force).
+equations. Over each step these are a linear, symplectic map ``T`` of ``q`` and its momenta, the moments (and the
+force).
 
-The part behind a place answers a variation there with the momenta ``-W q``; ``W = 0`` behind the tip. A step held at its
-beginning has the compliance ``F``. The number of negative directions at the step's end is then the number of negative
-eigenvalues of ``1 + F W``, and ``T`` carries ``W`` to the step's beginning. The sum over all steps and the transmissions
-counts the negative directions of the whole with multiplicity, because the inertia of a symmetric matrix is that of its
-pivots (Sylvester, Haynsworth). No step is integrated against its growth.
+The part behind a place answers a variation there with the momenta ``-W q``; ``W = 0`` behind the tip. A step held at
+its beginning has the compliance ``F``. The number of negative directions at the step's end is then the number of
+negative eigenvalues of ``1 + F W``, and ``T`` carries ``W`` to the step's beginning. The sum over all steps and the
+transmissions counts the negative directions of the whole with multiplicity, because the inertia of a symmetric matrix
+is that of its pivots (Sylvester, Haynsworth). No step is integrated against its growth.
 """
 
 from __future__ import annotations
