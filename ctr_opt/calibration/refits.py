@@ -109,7 +109,7 @@ def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
     """Refit to chosen experiments, started from this fit."""
     try:
         drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen])
-    except DefinitionError as error:  # as where a density is left without gravity
+    except DefinitionError as error:  # for example a density without gravity
         raise EstimationError(f"{whose} is not possible: {error}") from error
     return type(fit)(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.found.x), "reduced")
 

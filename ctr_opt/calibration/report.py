@@ -34,9 +34,7 @@ def _heading(fit: CalibrationSolution) -> list[str]:
         row("condition", f"{fit.condition:.2g} (information matrix, in the parameters' scales)"),
     ]
     if places:
-        lines.append(
-            row("arc lengths", f"{places} of points somewhere on the backbone, estimated beside the parameters")
-        )
+        lines.append(row("arc lengths", f"{places} of points on the backbone, estimated with the parameters"))
     if estimation.scaled:
         lines.append(
             row("chi-square", f"{fit.chi_squared:.1f} at {fit.degrees_of_freedom} degrees of freedom{_verdict(fit)}")
@@ -81,7 +79,7 @@ def parameter_table(fit: CalibrationSolution) -> list[str]:
 def _open(fit: CalibrationSolution) -> list[str]:
     lines = []
     if fit.vague:
-        lines += ["", f"  Known only vaguely, to no better than their size: {', '.join(map(symbol, fit.vague))}"]
+        lines += ["", f"  Known only vaguely, with errors above their size: {', '.join(map(symbol, fit.vague))}"]
     if not fit.undetermined:
         return lines
     lines += ["", "  Not determined by these data:"]

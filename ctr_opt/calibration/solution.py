@@ -38,8 +38,8 @@ from .uncertainty import (
 )
 
 REJECTED = 1e-3  # p-value of the residuals' chi-square below which the given noise level is rejected
-_EXACT = 1e-5  # of the noise level (of 1 mm, 1 mrad, ... where none was given): computed data leave such residuals
-_OUTLIER = 0.01  # probability, over all experiments, that good data have one flagged
+_EXACT = 1e-5  # of the noise level (1 mm, 1 mrad, ... if none was given): residuals of computed data
+_OUTLIER = 0.01  # probability that any experiment of good data is flagged
 
 
 @attrs.frozen(eq=False)

@@ -20,23 +20,23 @@ from ..robot.names import chosen, loads_with, parameters, parsed, robot_with, sh
 from ..robot.robot import Robot
 from .homes import Homes
 
-_OFF_ROBOT = ("rotations", "translations", "loads", "sensors")  # what acts on experiments, or on what sensors show
+_OFF_ROBOT = ("rotations", "translations", "loads", "sensors")  # act on experiments or sensors
 
 
-def _pair(value: Any, field: str) -> tuple[Any, Any] | None:
+def _pair(value: Any, field: str, parts: str) -> tuple[Any, Any] | None:
     if value is None:
         return None
     if not isinstance(value, (tuple, list)) or len(value) != 2:
-        raise DefinitionError(f"{field} = {value!r} must be a pair")
+        raise DefinitionError(f"{field} = {value!r} must be a pair ({parts})")
     return value[0], value[1]
 
 
 def _prior(value: Any) -> tuple[Any, Any] | None:
-    return _pair(value, "prior")
+    return _pair(value, "prior", "mean, standard deviation")
 
 
 def _bounds(value: Any) -> tuple[Any, Any] | None:
-    return _pair(value, "bounds")
+    return _pair(value, "bounds", "least, most")
 
 
 def _names(value: Any) -> tuple[str, ...]:
@@ -305,7 +305,7 @@ class Unknowns:
             of_loads = {n: one for n, one in parameters(self.robot, *experiment).items() if parsed(n)[0] == "loads"}
             there += chosen(of_loads, [wanted.name], f"experiments[{k}]")
         if len({one.value.shape for one in there}) > 1:
-            raise DefinitionError(f"{wanted.name!r}: loads of one name must be of one kind in all experiments")
+            raise DefinitionError(f"{wanted.name!r}: the load must be of the same kind in all experiments")
         return self._unknown(wanted, there[0], (wanted.name,))
 
     def _tied(self, wanted: Parameter) -> Unknown:
@@ -389,7 +389,7 @@ class Unknowns:
 
 def _listed(wanted: Any) -> list[Any]:
     if wanted is None or isinstance(wanted, (str, Parameter)):
-        raise DefinitionError(f"parameters = {wanted!r} must be a list of them")
+        raise DefinitionError(f"parameters = {wanted!r} must be a list of names or Parameters")
     return list(wanted)
 
 

@@ -19,7 +19,7 @@ def several(value: Any, kinds: tuple[type, ...], field: str, must: str = "") -> 
     try:
         items = (value,) if isinstance(value, kinds) else tuple(value)
     except TypeError:
-        raise DefinitionError(f"{field} = {value!r} must be a list of them") from None
+        raise DefinitionError(f"{field} = {value!r} must be a list") from None
     for k, item in enumerate(items):
         if not isinstance(item, kinds):
             wanted = must or f"one of {', '.join(kind.__name__ for kind in kinds)}"
@@ -89,7 +89,7 @@ class Experiment:
         """Raise ``DefinitionError`` if actuation or measurements do not fit a robot with this number of ``tubes``."""
         if len(self.actuation.rotations) != tubes:
             count = len(self.actuation.rotations)
-            raise DefinitionError(f"{where}actuation is of {count} tubes, but the robot has {tubes}")
+            raise DefinitionError(f"{where}actuation is for {count} tubes, but the robot has {tubes}")
         for measurement in self.measurements:
             measurement.check(tubes)
 

@@ -17,7 +17,11 @@ def force_report(estimate: ForceSolution) -> str:
     """The full report: loads with errors, undetermined directions, other solutions, and model errors."""
     numbers = estimate.case.experiment.numbers
     lines = [f"Loads from {numbers} numbers measured", row("residuals", _consistency(estimate))]
-    stable = {True: "stable", False: "UNSTABLE: no robot stays so", None: "stability not defined under these loads"}
+    stable = {
+        True: "stable",
+        False: "UNSTABLE: a robot cannot rest in this shape",
+        None: "stability not defined under these loads",
+    }
     shape = estimate.shape
     tip = ", ".join(f"{1e3 * x:.3f}" for x in shape.tip_position)
     lines.append(row("shape", f"{stable[estimate.is_stable]}, tip at ({tip}) mm"))
@@ -33,7 +37,7 @@ def force_report(estimate: ForceSolution) -> str:
         for alternative in estimate.alternatives:
             values = ", ".join(f"{label} = {value:.4g}" for label, value in alternative.values.items())
             lines.append(f"    {values} (loss {alternative.state.cost - estimate.state.cost:+.2f})")
-    lines += ["", "  Errors of the model look like forces until they are noticed (with 95 %):"]
+    lines += ["", "  Model errors that look like forces until they are detected (with 95 %):"]
     lines += [f"    {error}" for error in _mistaken(estimate)]
     return "\n".join(lines)
 

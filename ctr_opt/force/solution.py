@@ -268,7 +268,7 @@ class ForceSolution(Estimated):
             if len(edges):
                 where = " and ".join(f"{1e3 * s[first]:.0f} to {1e3 * s[last - 1]:.0f} mm" for first, last in edges)
                 most = errors.max()
-                size = f"sd up to {most * unit:.2g} N/m" if most < BLIND else "nothing is known in places"
+                size = f"sd up to {most * unit:.2g} N/m" if most < BLIND else "no information in places"
                 stretches.append(f"force per length along {axis}, {where}: undetermined, {size}")
         return stretches
 
@@ -284,7 +284,7 @@ class ForceSolution(Estimated):
             along, unit = abs(float(vector[forces] @ self.shape.pose(s)[:3, 2])), "N"
             what = "axial force" if along > 0.95 else f"force along ({', '.join(f'{x:.2f}' for x in vector[forces])})"
         size = float(np.linalg.norm(deviation * scale * vector)) if np.isfinite(deviation) else np.inf
-        return f"{what}: undetermined, {f'sd {size:.2g} {unit}' if np.isfinite(size) else 'nothing is known'}"
+        return f"{what}: undetermined, {f'sd {size:.2g} {unit}' if np.isfinite(size) else 'no information'}"
 
     @cached_property
     def systematic(self) -> list[Systematic]:

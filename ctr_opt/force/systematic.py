@@ -114,7 +114,7 @@ class Systematic(Imperfection):
     def __str__(self) -> str:
         factor, unit = _SHOWN[self.unit]
         if not self.noncentrality and not self.force_rate.any():
-            return f"{self.description}: does not act on what was measured"
+            return f"{self.description}: has no effect on the measurements"
         if self.size <= _TELLING:
             detected = f"detected from {factor * self.size:.2g} {unit}, which adds {self.mimicked:.2g} N"
             return f"{self.description}: {detected}"

@@ -192,7 +192,7 @@ def test_vague_is_not_undetermined(robot, exact):
     assert fit.undetermined == []
     assert fit.vague == fit.labels
     assert np.isfinite(fit.estimates).all()
-    assert "Known only vaguely, to no better than their size: base.translation.x, base.translation.y" in fit.report()
+    assert "Known only vaguely, with errors above their size: base.translation.x, base.translation.y" in fit.report()
     worse = fitted(robot, noisy(exact, 2, 3.0), ["base.translation"])
     assert len(worse.undetermined) == 3
     assert worse.vague == []

@@ -236,7 +236,7 @@ def test_wrong_unknown_loads(make, message):
         ({}, {"measurements": []}, "at least one measurement"),
         ({}, {"measurements": [ctr.PositionMeasurement(None, [0, 0, 0.1])]}, "sigma is required"),
         ({}, {"measurements": [ctr.PositionMeasurement(0.5, [0, 0, 0.1], 1e-3)]}, "is at s = 0.5 m"),
-        ({}, {"actuation": ctr.Actuation([0.0], [0.0])}, "actuation is of 1 tubes"),
+        ({}, {"actuation": ctr.Actuation([0.0], [0.0])}, "actuation is for 1 tubes"),
         ({}, {"fit": "a fit"}, "fit = 'a fit' must be a Fit"),
         ({}, {"initial": 3}, "initial = 3 must be a ForceEstimate"),
     ],

@@ -521,7 +521,7 @@ def test_wrong_calls_are_errors_and_leave_the_estimator_alone(scene, stream):
     estimator.update(*stream[0])
     with pytest.raises(ctr.DefinitionError, match="time = 'now' must be a finite number in s"):
         estimator.update(*stream[1], time="now")
-    with pytest.raises(ctr.DefinitionError, match="actuation is of 1 tubes"):
+    with pytest.raises(ctr.DefinitionError, match="actuation is for 1 tubes"):
         estimator.update(ctr.Actuation([0.0], [0.0]), stream[1][1])
     with pytest.raises(ctr.DefinitionError, match="sigma is required"):
         estimator.update(scene.actuation, ctr.PositionMeasurement(None, [0.0, 0.0, 0.1]))

@@ -95,7 +95,7 @@ def test_sizes_beyond_first_order_are_not_told():
 
 
 def test_reports_tell_the_worst_of_each_kind(estimate):
-    told = estimate.report().partition("until they are noticed (with 95 %):\n")[2].splitlines()
+    told = estimate.report().partition("until they are detected (with 95 %):\n")[2].splitlines()
     worst = [
         max((each for each in estimate.systematic if each.kind == kind), key=lambda each: each.mimicked)
         for kind in ("shift", "tilt", "curvature", "stiffness")
@@ -141,7 +141,7 @@ def test_nothing_left_over_shows_nothing(rod):
     assert str(shift).startswith("shift of the base along y: never detected, as the loads absorb it; adds ")
     stiffness = next(each for each in found.systematic if each.kind == "stiffness")
     assert stiffness.mimicked == 0.0
-    assert str(stiffness) == "stiffness of tube 'rod': does not act on what was measured"
+    assert str(stiffness) == "stiffness of tube 'rod': has no effect on the measurements"
 
 
 def test_both_kinds_of_model_tell_the_same(rod):
@@ -167,6 +167,6 @@ def test_a_direction_that_is_left_alone_is_not_counted_as_estimated():
     noise = 1e-4 * np.random.default_rng(0).normal(size=seen.shape)
     measured = ctr.PositionMeasurement(places, seen + noise, 1e-4)
     found = ctr.ForceEstimationProblem(robot, ctr.TipForce()).solve(held, measured)
-    assert found.undetermined == ["axial force: undetermined, nothing is known"]
+    assert found.undetermined == ["axial force: undetermined, no information"]
     assert abs(found.force[2]) < 1e-6 * found.characteristic_force
     assert found.degrees_of_freedom == 30 - 2
