@@ -176,7 +176,12 @@ TIP = "tip_x,tip_y,tip_z"
             {},
             r"line 2: tip_qw, ... = \[1.0, 1.0, 0.0, 0.0\] must have a norm",
         ),
-        (f"{TIP},{QUATERNION}", "0,0,0,0,1,1,0,0,0", {"sigma": None}, "sigma must be given for both positions and directions"),
+        (
+            f"{TIP},{QUATERNION}",
+            "0,0,0,0,1,1,0,0,0",
+            {"sigma": None},
+            "sigma must be given for both positions and directions",
+        ),
         (f"{TIP},{QUATERNION},direction_x,direction_y,direction_z", "0" + 11 * ",0", {}, "not by both"),
         (TIP, "0,0,0,0,1", {"sensor": "my coil"}, "line 2: sensor = 'my coil' must be a name"),
     ],
