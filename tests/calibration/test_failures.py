@@ -8,6 +8,7 @@ import pytest
 import ctr_opt as ctr
 from ctr_opt.calibration.plot import plot_residuals
 from tests.support.estimated import NOISE, every_kind, experiments, points, small_robot, solve, with_points
+from tests.support.slow import some_slow
 
 mpl.use("Agg")
 Position, Pose, Tangent = ctr.PositionMeasurement, ctr.PoseMeasurement, ctr.TangentMeasurement
@@ -234,7 +235,7 @@ def test_figures(mixed):
     plt.close(ax.figure)
 
 
-@pytest.mark.parametrize("names", [[EI], ["base.translation"]])
+@pytest.mark.parametrize("names", some_slow([[EI], ["base.translation"]], [[EI]]))
 def test_figures_of_few_numbers(names):
     from matplotlib import pyplot as plt
 

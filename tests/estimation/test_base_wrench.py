@@ -14,6 +14,7 @@ from ctr_opt.robot.names import parameters
 from tests.support.both_models import NUMBERS, pushed, same, told_by_both
 from tests.support.estimated import actuations, estimation, small_robot, solve
 from tests.support.perturbed import TIGHT, central, changed
+from tests.support.slow import some_slow
 
 compiled_too = pytest.mark.parametrize(
     "compiled",
@@ -71,7 +72,7 @@ def resultant(shape):
 
 
 @compiled_too
-@pytest.mark.parametrize(("tubes", "body"), [(1, False), (2, True), (3, False)])
+@pytest.mark.parametrize(("tubes", "body"), some_slow([(1, False), (2, True), (3, False)], [(1, False), (3, False)]))
 def test_it_is_the_resultant_of_all_loads(tubes, body, compiled):
     """Behind the entry point actuators hold and twist the tubes: of that nothing shows. Solves leave 1e-11 m."""
     robot = heavy(tubes)

@@ -85,6 +85,7 @@ def test_a_prior_pulls_as_bayes_has_it(pushed, estimate):
     assert np.abs(found.force - expected).max() < 0.1 * estimate.deviations.max()
 
 
+@pytest.mark.slow
 def test_errors_of_the_actuation_are_counted(pushed, estimate):
     """Covariance with the points' enlarged by the Jacobian's, which are those of the tip's shape: a part in 1e3."""
     robot, actuation, _, shape = pushed

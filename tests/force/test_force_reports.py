@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 import ctr_opt as ctr
+from tests.support.slow import some_slow
 
 SIGMA = 2e-4  # m
 LOOSE = {"rotation_sigma": 0.01, "translation_sigma": 2e-4}  # rad, m
@@ -106,7 +107,7 @@ def test_errors_of_the_actuation_move_the_band(given, place):
     assert np.linalg.eigvalsh(found[0] - exact)[-1] > 0.0
 
 
-@pytest.mark.parametrize("loose", [False, True])
+@pytest.mark.parametrize("loose", some_slow([False, True], [True]))
 def test_the_truth_is_inside_the_band(given, loose):
     """``d' C^-1 d`` of the position at 120 mm over 60 trials is chi-square of 180, within 99.9 %."""
     robot, actuation, _, force = given

@@ -18,6 +18,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 import ctr_opt as ctr
 from ctr_opt.files.figures import save_figure
 from ctr_opt.forward.plot import figure_equilibrium, plot_equilibrium
+from tests.support.slow import some_slow
 
 PUSH = ctr.PointWrench(force=[0.2, 0.3, -0.2])
 OUTER_END = 0.1
@@ -214,7 +215,7 @@ def test_panels_show_both_limits_at_a_tube_end(pushed, free):
     np.testing.assert_allclose(ends, 1e3 * OUTER_END)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+@pytest.mark.parametrize("suffix", some_slow([".png", ".pdf", ".svg"], [".png", ".svg"]))
 def test_save(tmp_path, pushed, free, suffix):
     path = tmp_path / f"shape{suffix}"
     path.write_text("old")

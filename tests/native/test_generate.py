@@ -142,6 +142,7 @@ def replaced(path, old, new):
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 def test_what_is_compiled_decides_what_is_compiled_again(tmp_path):
     """A docstring does not, a formula and a header do."""

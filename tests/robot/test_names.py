@@ -11,6 +11,7 @@ from ctr_opt.transcription.parametric_problem import Discretized, ParametricProb
 from ctr_opt.transcription.shooting import Shooting
 from tests.support.perturbed import loads_for_all
 from tests.support.physics import random_problem, robot, tube
+from tests.support.slow import some_slow
 
 
 def expressed(configuration, names, mesh):
@@ -25,7 +26,7 @@ def expressed(configuration, names, mesh):
     return columns[:, columns[0] > 1e-12], entry.full()[:, 0], float(energy)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", some_slow(range(12), [0, 1, 2, 4, 6, 7, 8, 9, 10]))
 def test_the_same_numbers(seed):
     """To rounding, on the solver's mesh, less the steps of no length between break points that coincide."""
     rng = np.random.default_rng(seed)
