@@ -76,6 +76,20 @@ def symbol(label: str) -> str:
     return label
 
 
+def caption(label: str, robot: Robot) -> str:
+    """A number's name for figures, with the tube's own name: ``curvature.x of inner[1]``, ``E of middle``.
+
+    The number in brackets is that of the piece of precurvature.
+    """
+    match parsed(label):
+        case ("tubes", int(i), "precurvature", int(piece), *field):
+            return f"{'.'.join(map(str, field))} of {robot.tubes[i].name}[{piece}]"
+        case ("tubes", int(i), *field):
+            name = ".".join(map(str, field))
+            return f"{_SYMBOLS.get(name, name.replace('_', ' '))} of {robot.tubes[i].name}"
+    return label
+
+
 def unit_of(label: str) -> tuple[float, str]:
     """The factor and the unit with which reports show a number.
 

@@ -230,8 +230,24 @@ def test_figures(mixed):
     figure.canvas.draw()
     plt.close(figure)
     ax = plot_residuals(mixed)
-    points_drawn = len(ax.lines[0].get_xdata())
-    assert points_drawn == 6 * 4 + 1  # points and poses alone: a curvature of three numbers is none
+    inside, above, below = (len(line.get_xdata()) for line in ax.lines[:3])  # along x
+    assert inside + above + below == 6 * 4 + 1  # points and poses alone: a curvature of three numbers is none
+    plt.close(ax.figure)
+
+
+def test_an_outlier_does_not_squeeze_the_residuals():
+    from matplotlib import pyplot as plt
+
+    data = with_points(DATA, sigma=1e-4)
+    last = data[-1]
+    (points,) = last.measurements
+    shifted = attrs.evolve(points, position=np.add(points.position, [0.0, 0.02, 0.0]))
+    fit = ctr.CalibrationProblem(ROBOT, [*data[:-1], attrs.evolve(last, measurements=[shifted])], [EI]).solve()
+    ax = plot_residuals(fit)
+    assert ax.get_ylim()[1] < 2.0  # mm, where the outlier is 20
+    markers = {line.get_marker(): len(line.get_xdata()) for line in ax.lines[3:6]}  # along y
+    assert markers["v"] == len(points.position)
+    assert f"{len(points.position)} points beyond" in [text.get_text() for text in ax.get_legend().get_texts()]
     plt.close(ax.figure)
 
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 import ctr_opt as ctr
+from ctr_opt.force.plot import widened
 from tests.support.slow import some_slow
 
 SIGMA = 2e-4  # m
@@ -139,3 +140,9 @@ def test_places_off_the_robot_are_refused(given):
         estimate.position([0.1, 0.2])
     with pytest.raises(ctr.DefinitionError, match="no DistributedForce"):
         estimate.density(0.1)
+
+
+@pytest.mark.parametrize(("width", "wider"), [(0.01, 1), (0.0004, 5), (3e-5, 100), (0.0, 1)])
+def test_narrow_bands_are_drawn_wider(width, wider):
+    """By 1, 2, 5, 10, ...: the first with which a band is a fiftieth of the robot's length wide, here of 0.1 m."""
+    assert widened(width, 0.1) == wider

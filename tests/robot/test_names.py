@@ -6,7 +6,7 @@ import pytest
 
 import ctr_opt as ctr
 from ctr_opt.layout.configuration import Configuration
-from ctr_opt.robot.names import chosen, parameters
+from ctr_opt.robot.names import caption, chosen, parameters
 from ctr_opt.transcription.parametric_problem import Discretized, ParametricProblem, at_nominal
 from ctr_opt.transcription.shooting import Shooting
 from tests.support.perturbed import loads_for_all
@@ -56,3 +56,14 @@ def test_names_and_values():
     assert known["tubes[0].density"].idle == ""
     assert known["tubes[0].poisson_ratio"].idle == "poisson_ratio is not given"
     assert [p.name for p in chosen(known, ["translations", "rotations"])] == ["translations", "rotations"]
+
+
+def test_captions_name_tubes():
+    robot = ctr.load_robot("problems/three_tubes/robot_b.toml")
+    captions = {
+        "tubes[0].precurvature[1].curvature.x": "curvature.x of inner[1]",
+        "tubes[1].youngs_modulus": "E of middle",
+        "tubes[2].rotation_offset": "rotation offset of outer",
+        "base.translation.x": "base.translation.x",
+    }
+    assert [caption(label, robot) for label in captions] == list(captions.values())
