@@ -158,15 +158,16 @@ def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
 )
 def calibrate(calibration: Path, report: Path | None, method: str) -> None:
     """Estimate a robot's parameters from a table of measured shapes, and print how well they are known."""
+    from .estimation.losses import LOSSES
     from .files.calibration import load_calibration
-    from .files.calibration_page import LOSS_NAMES, hold_out_table, write_report
+    from .files.calibration_page import hold_out_table, write_report
 
     given = load_calibration(calibration)
     held_out = f", {len(given.held)} others held out" if given.held else ""
     click.echo(f"{given.title}: {len(given.experiments)} experiments{held_out}")
     fits, held = {}, {}
     for loss in given.losses:
-        with _Progress(LOSS_NAMES[loss]) as progress:
+        with _Progress(LOSSES[loss]) as progress:
             fits[loss] = given.problem(loss).solve(method=method, progress=progress)
         click.echo(fits[loss].report() + "\n")
         if given.held:

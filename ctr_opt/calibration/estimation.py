@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..checks import Array, choice
 from ..errors import DefinitionError, EstimationError, SolveError
-from ..estimation.blocks import Blocks
+from ..estimation.blocks import Blocks, form
 from ..estimation.comparison import Comparison
 from ..estimation.experiment import Experiment
 from ..estimation.linearized import Linearized
@@ -141,9 +141,8 @@ class Estimation:
             acting, observables = self.unknowns.acting(k), experiment.framed(self._ends[k])
             names = tuple(dict.fromkeys(name for name, _, _ in acting))
             blocks = Blocks.of(experiment.measurements, self.loss)
-            measured = tuple((type(m), m.shape) for m in experiment.measurements)
             alike = structure(self.robot, experiment.actuation, experiment.loads, observables)
-            group = groups.setdefault((alike, names, measured, blocks.orders), len(groups))
+            group = groups.setdefault((alike, names, form(experiment.measurements)), len(groups))
             rows = np.vstack([self.unknowns.of_sensors(names_of(observables)), *(part for _, _, part in acting)])
             layouts.append(Layout(group, names, np.flatnonzero(rows.any(axis=0)), observables, blocks))
         return layouts

@@ -5,8 +5,8 @@ import pytest
 
 import ctr_opt as ctr
 from benchmarks.calibration_data import PLACES, checks, experiments, true_robot
+from benchmarks.synthetic import synthetic_experiments
 from ctr_opt.calibration.estimation import Estimation
-from ctr_opt.estimation.synthetic import synthetic_experiments
 from ctr_opt.files.calibration import load_calibration
 from ctr_opt.files.experiments import read_experiments, write_experiments
 from tests.support.slow import some_slow

@@ -185,7 +185,7 @@ def test_reports_tell_everything(mixed):
     for text in (
         "Fit of 8 numbers to 6 experiments",
         "simultaneous",
-        "Huber's",
+        "Huber's loss",
         "chi-square",
         "errors from the sandwich",
         "base.translation.x",
