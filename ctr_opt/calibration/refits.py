@@ -70,7 +70,7 @@ def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
             raise DefinitionError(
                 f"experiments[{k}]: its actuation already has the homes that the fit adds: give the joints as read"
             )
-    others = fit.estimation.of(experiments)
+    others = fit.estimation.of(experiments).framed_at(fit.found.x)
     states = others.states(fit.found.x, others.equilibria_of(fit.found.x, whose))
     return type(fit)(others, attrs.evolve(fit.found, states=states), fit.method)
 
@@ -109,7 +109,7 @@ def _redrawn(fit: Solution, chosen: Any, whose: str) -> Array:
 def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
     """A fit to a choice of experiments, from here."""
     try:
-        drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen])
+        drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen]).framed_at(fit.found.x)
     except DefinitionError as error:  # as where a density is left without gravity
         raise EstimationError(f"{whose} is none: {error}") from error
     return type(fit)(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.found.x), "reduced")

@@ -211,7 +211,7 @@ def chosen(known: Mapping[str, Parameter], names: Iterable[str], field: str = "w
             close = get_close_matches(str(name), list(known), 3)
             hint = f"; close to it: {', '.join(close)}" if close else ""
             acting = ", ".join(other.name for other in known.values() if not other.idle)
-            raise DefinitionError(f"{field} = {name!r} is no parameter{hint}; there are {acting}")
+            raise DefinitionError(f"{field} = {name!r} is no parameter{hint}; there are {acting or 'none'}")
         if parameter.idle:
             raise DefinitionError(f"{field} = {name!r} does not act: {parameter.idle}")
         if name in selected:
