@@ -7,8 +7,8 @@ import attrs
 import numpy as np
 
 import ctr_opt as ctr
+from benchmarks.synthetic import synthetic_experiments, synthetic_tip_poses
 from ctr_opt.calibration.unknowns import Unknowns
-from ctr_opt.estimation.synthetic import synthetic_experiments, synthetic_tip_poses
 from ctr_opt.files.calibration import load_calibration
 from ctr_opt.files.experiments import write_experiments
 

@@ -2,9 +2,9 @@
 
 Rucker, Jones and Webster (IEEE T-RO 2010) in their own states, curvatures: (2), (12), (19), (20), read with the
 corrections of docs/explanation/theory.md, for tubes of a straight and a curved piece under a force and a moment at the
-tip of the innermost. Sections between break points are integrated with DOP853 at a relative tolerance of 1e-6; the conditions
-where tubes end and at the tip are met by Newton's method with a Jacobian by differences. A solve starts from a
-neighbouring one or, from nothing, by continuation in precurvature and load from the straight robot.
+tip of the innermost. Sections between break points are integrated with DOP853 at a relative tolerance of 1e-6; the
+conditions where tubes end and at the tip are met by Newton's method with a Jacobian by differences. A solve starts from
+a neighbouring one or, from nothing, by continuation in precurvature and load from the straight robot.
 
 Written to be fast as such programs go: no dense output, constants of a section taken out of the right-hand side. It
 comes twice: as textbooks have it, the right-hand side ``printed`` in small matrices as in the paper and a fresh

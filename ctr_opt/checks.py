@@ -6,7 +6,7 @@ reports take its unit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, ClassVar, cast
 
@@ -115,9 +115,9 @@ def rigid(value: Any, field: str) -> Array:
     return pose
 
 
-def choice(value: Any, field: str, allowed: tuple[str, ...]) -> str:
+def choice(value: Any, field: str, allowed: Iterable[str]) -> str:
     """Check that ``value`` is one of ``allowed``."""
-    if not isinstance(value, str) or value not in allowed:
+    if not isinstance(value, str) or value not in tuple(allowed):
         names = " or ".join(repr(name) for name in allowed)
         raise DefinitionError(f"{field} = {value!r} must be {names}")
     return value

@@ -178,8 +178,9 @@ def _solve_plan(path: Path, arguments: dict[str, Any], verify: bool) -> None:
 )
 def calibrate(calibration: Path, report: Path | None, method: str) -> None:
     """Estimate a robot's parameters from a table of measured shapes, and print their uncertainty."""
+    from .estimation.losses import LOSSES
     from .files.calibration import load_calibration
-    from .files.calibration_page import LOSS_NAMES, hold_out_table, write_report
+    from .files.calibration_page import hold_out_table, write_report
 
     _refuse_other_kinds(calibration, "calibrate")
     loaded = load_calibration(calibration)
@@ -187,7 +188,7 @@ def calibrate(calibration: Path, report: Path | None, method: str) -> None:
     click.echo(f"{loaded.title}: {len(loaded.experiments)} experiments{held_out}")
     fits, held = {}, {}
     for loss in loaded.losses:
-        with _Progress(LOSS_NAMES[loss]) as progress:
+        with _Progress(LOSSES[loss]) as progress:
             fits[loss] = loaded.problem(loss).solve(method=method, progress=progress)
         click.echo(fits[loss].report() + "\n")
         if loaded.held:

@@ -94,6 +94,7 @@ def test_the_neighbours_are_what_the_docs_say():
     assert not work.loads[0].nonconservative
 
 
+@pytest.mark.slow
 def test_two_trees_take_turns(capsys):
     """A tree beside itself: the median of paired ratios between its quartiles."""
     against.main([str(against.ROOT), "--only", "import of the package", "--turns", "2"])

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.slow import some_slow
+
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 FIGURES = {
@@ -22,7 +24,10 @@ FIGURES = {
 } | {path.stem: path for path in (EXAMPLES / "figures").glob("*.py")}
 DOCS = EXAMPLES.parent / "docs" / "figures"
 
-LONG = ("calibrate_from_tip_poses", "calibration")  # nine seconds each
+LONG = {  # from three to nine seconds each
+    *("calibrate_from_tip_poses", "calibration", "control_loop", "design", "force_map", "gravity_and_wall"),
+    *("inverse_kinematics", "load_appears", "palpation", "path_following", "unknown_contact", "distributed_force"),
+}
 
 
 def run(script, *arguments, folder):
@@ -41,7 +46,7 @@ def run(script, *arguments, folder):
     [
         pytest.param(path, marks=pytest.mark.slow if path.stem in LONG else (), id=path.stem)
         for path in SCRIPTS
-        if path not in FIGURES.values()
+        if path not in FIGURES.values()  # these run once, below
     ],
 )
 def test_example_runs(script, tmp_path):
@@ -56,7 +61,7 @@ def test_example_is_short_and_asserts_something(script):
     assert "assert" in text
 
 
-@pytest.mark.parametrize("name", sorted(FIGURES))
+@pytest.mark.parametrize("name", some_slow(sorted(FIGURES), set(FIGURES) - LONG))
 def test_figure_is_drawn(name, tmp_path):
     run(FIGURES[name], "figure.png", folder=tmp_path)
     (only,) = tmp_path.iterdir()

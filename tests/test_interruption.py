@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ctr_opt as ctr
+from tests.support.slow import some_slow
 
 OLD = b"what was there before"
 
@@ -123,7 +124,12 @@ def arc_length():
     return ctr.load_problem("problems/rjw_s1/fig9_loaded.toml").solve().arc_length
 
 
-@pytest.mark.parametrize(("suffix", "how"), [(".csv", "SIGINT"), (".npz", "SIGKILL"), (".json", "SIGKILL")])
+@pytest.mark.parametrize(
+    ("suffix", "how"),
+    some_slow(
+        [(".csv", "SIGINT"), (".npz", "SIGKILL"), (".json", "SIGKILL")], [(".csv", "SIGINT"), (".npz", "SIGKILL")]
+    ),
+)
 def test_a_stopped_program_leaves_its_output_whole(tmp_path, arc_length, suffix, how):
     path = tmp_path / f"shape{suffix}"
     path.write_bytes(OLD)
@@ -158,7 +164,7 @@ MOMENTS = {
 }
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("moment", some_slow(list(MOMENTS), [*MOMENTS][1:3]))
 def test_a_command_tells_the_signal_that_stopped_it(tmp_path, arc_length, moment):
     """Also where the exception that a signal raises gets lost, or becomes another: such ended with status 0 or 1."""
     shape, figure = tmp_path / "shape.csv", tmp_path / "shape.png"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..checks import Array, choice
 from ..errors import DefinitionError, EstimationError, SolveError
-from ..estimation.blocks import Blocks
+from ..estimation.blocks import Blocks, form
 from ..estimation.comparison import Comparison
 from ..estimation.experiment import Experiment
 from ..estimation.linearized import Linearized
@@ -104,17 +104,16 @@ class Estimation:
         known = [entry.name for entry in self.unknowns.entries if np.isfinite(entry.prior_sigma).any()]
         if not self.scaled and known:
             raise DefinitionError(f"{known[0]}: a prior requires the sigma of every measurement to weigh them")
-        self.layouts = self._layouts()
-        groups = range(1 + max(layout.group for layout in self.layouts))
-        self.members = [[k for k, layout in enumerate(self.layouts) if layout.group == group] for group in groups]
-        self.models: list[Group] = []
+        self._lay_out(self._framed(self._ends))
 
     @cached_property
     def _ends(self) -> list[Ends]:
         """Tube ends in each experiment at the initial values."""
-        initial = self.unknowns.initial
-        robot, count = self.unknowns.robot_at(initial), len(self.experiments)
-        return [Ends.of_robot(robot, self.unknowns.experiment_at(initial, k)[0].translations) for k in range(count)]
+        return self._ends_at(self.unknowns.initial)
+
+    def _ends_at(self, x: Array) -> list[Ends]:
+        robot, count = self.unknowns.robot_at(x), len(self.experiments)
+        return [Ends.of_robot(robot, self.unknowns.experiment_at(x, k)[0].translations) for k in range(count)]
 
     def of(self, experiments: Sequence[Experiment]) -> Estimation:
         """The estimation of the same parameters from other experiments."""
@@ -127,6 +126,15 @@ class Estimation:
         squared.layouts = [attrs.evolve(old, blocks=new) for old, new in zip(self.layouts, blocks, strict=True)]
         return squared
 
+    def framed_at(self, x: Array) -> Estimation:
+        """The estimation with poses of the tubes that are meant at ``x``: itself, if they are those it has."""
+        observables = self._framed(self._ends_at(x))
+        if observables == [layout.observables for layout in self.layouts]:
+            return self
+        other = copy(self)
+        other._lay_out(observables)
+        return other
+
     @property
     def prepared(self) -> bool:
         """Whether the models have been built."""
@@ -134,16 +142,26 @@ class Estimation:
 
     # -- structure -------------------------------------------------------------------------------------------------
 
-    def _layouts(self) -> list[Layout]:
+    def _framed(self, ends: Sequence[Ends]) -> list[tuple[Observable, ...]]:
+        """Each experiment's observables on robots with tubes that end there."""
+        return [experiment.framed(those) for experiment, those in zip(self.experiments, ends, strict=True)]
+
+    def _lay_out(self, framed: Sequence[tuple[Observable, ...]]) -> None:
+        """Sort the experiments, with these observables, into groups that models will be built for."""
+        self.layouts = self._layouts(framed)
+        groups = range(1 + max(layout.group for layout in self.layouts))
+        self.members = [[k for k, layout in enumerate(self.layouts) if layout.group == group] for group in groups]
+        self.models: list[Group] = []
+
+    def _layouts(self, framed: Sequence[tuple[Observable, ...]]) -> list[Layout]:
         groups: dict[Any, int] = {}
         layouts = []
-        for k, experiment in enumerate(self.experiments):
-            acting, observables = self.unknowns.acting(k), experiment.framed(self._ends[k])
+        for k, (experiment, observables) in enumerate(zip(self.experiments, framed, strict=True)):
+            acting = self.unknowns.acting(k)
             names = tuple(dict.fromkeys(name for name, _, _ in acting))
             blocks = Blocks.of(experiment.measurements, self.loss)
-            measured = tuple((type(m), m.shape) for m in experiment.measurements)
             alike = structure(self.robot, experiment.actuation, experiment.loads, observables)
-            group = groups.setdefault((alike, names, measured, blocks.orders), len(groups))
+            group = groups.setdefault((alike, names, form(experiment.measurements)), len(groups))
             rows = np.vstack([self.unknowns.of_sensors(names_of(observables)), *(part for _, _, part in acting)])
             layouts.append(Layout(group, names, np.flatnonzero(rows.any(axis=0)), observables, blocks))
         return layouts

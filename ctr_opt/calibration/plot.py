@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..checks import Array
 from ..estimation.chi_square import quantile
 from ..estimation.measurements.kind import POINTS
-from ..robot.names import symbol
+from ..robot.names import caption
 from .report import sizes_by_place
 from .solution import CalibrationSolution
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 _INSIDE = 0.95  # probability of the confidence ellipses
 _MOST_LABELS = 24
+_CROWD = 4.0  # medians of the sizes: residuals beyond that are outliers, shown at the edge
 
 
 def figure_fit(fit: CalibrationSolution) -> Figure:
@@ -50,23 +52,43 @@ def plot_histogram(fit: CalibrationSolution, ax: Axes | None = None, *, where: s
 
 
 def plot_residuals(fit: CalibrationSolution, ax: Axes | None = None) -> Axes:
-    """Residuals of measured points against arc length, an axis each."""
+    """Residuals of measured points against arc length, one colour for each axis.
+
+    The panel spans what most residuals do. Those outside are triangles at its edge, and the legend counts them.
+    """
     ax = _axes(ax)
     points = [one for one in fit.residuals if one.is_point]
     s = 1e3 * np.array([one.arc_length for one in points])
+    values = 1e3 * np.array([one.value[:3] for one in points]).reshape(-1, 3)
+    sizes = np.abs(values).max(axis=1, initial=0.0)
+    edge = _edge(sizes)
     for axis, name in enumerate("xyz"):
-        ax.plot(s, [1e3 * one.value[axis] for one in points], ".", markersize=4, alpha=0.6, label=name)
+        inside = np.abs(values[:, axis]) <= edge
+        (dots,) = ax.plot(s[inside], values[inside, axis], ".", markersize=4, alpha=0.6, label=name)
+        for sign, marker in ((1.0, "^"), (-1.0, "v")):
+            beyond = ~inside & (sign * values[:, axis] > 0.0)
+            ax.plot(s[beyond], np.full(beyond.sum(), sign * edge), marker, markersize=5, color=dots.get_color())
+    if (sizes > edge).any():
+        ax.plot([], [], "v", color="0.4", label=f"{(sizes > edge).sum()} points beyond")
+    if len(points):
+        ax.set_ylim(-1.08 * edge, 1.08 * edge)
     ax.axhline(0.0, color="black", linewidth=0.6)
     ax.set_xlabel("arc length [mm]")
     ax.set_ylabel("predicted - measured [mm]")
-    ax.legend(frameon=False, ncols=3)
+    ax.legend(frameon=False, ncols=4)
     return ax
+
+
+def _edge(sizes: Array) -> float:
+    """How far residuals of these sizes go, without outliers."""
+    crowd = sizes[sizes <= _CROWD * np.median(sizes)] if len(sizes) else sizes
+    return 1.05 * float(crowd.max(initial=0.0)) or 1.0
 
 
 def plot_correlation(fit: CalibrationSolution, ax: Axes | None = None) -> Axes:
     """The correlation matrix."""
     ax = _axes(ax)
-    labels = [symbol(label) for label in fit.labels]
+    labels = [caption(label, fit.estimation.robot) for label in fit.labels]
     image = ax.imshow(fit.correlation, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
     if len(labels) <= _MOST_LABELS:
         ax.set_xticks(range(len(labels)), labels, rotation=90, fontsize=7)
@@ -92,8 +114,9 @@ def plot_ellipse(fit: CalibrationSolution, ax: Axes | None = None, *, pair: tupl
     ax.plot(fi * (values[0] + circle[0]), fj * (values[1] + circle[1]), label="95 % confidence")
     ax.plot(fi * values[0], fj * values[1], "+", color="black", label="estimate")
     ax.locator_params(axis="x", nbins=5)
-    ax.set_xlabel(f"{symbol(fit.labels[i])} [{ui}]")
-    ax.set_ylabel(f"{symbol(fit.labels[j])} [{uj}]")
+    names = (caption(fit.labels[k], fit.estimation.robot) for k in (i, j))
+    texts = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, (ui, uj), strict=True)]
+    ax.set(xlabel=texts[0], ylabel=texts[1])
     ax.legend(frameon=False)
     return ax
 

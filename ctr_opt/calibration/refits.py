@@ -69,7 +69,7 @@ def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
             raise DefinitionError(
                 f"experiments[{k}]: the actuation already has the homes that the fit adds: give the joint readings"
             )
-    estimation = fit.estimation.of(experiments)
+    estimation = fit.estimation.of(experiments).framed_at(fit.found.x)
     states = estimation.states(fit.found.x, estimation.equilibria_of(fit.found.x, whose))
     return type(fit)(estimation, attrs.evolve(fit.found, states=states), fit.method)
 
@@ -108,7 +108,7 @@ def _redrawn(fit: CalibrationSolution, chosen: Any, whose: str) -> Array:
 def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
     """Refit to chosen experiments, started from this fit."""
     try:
-        drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen])
+        drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen]).framed_at(fit.found.x)
     except DefinitionError as error:  # for example a density without gravity
         raise EstimationError(f"{whose} is not possible: {error}") from error
     return type(fit)(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.found.x), "reduced")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..checks import Array
-from ..estimation.losses import SMOOTHING
+from ..estimation.losses import LOSSES
 from ..estimation.measurements.kind import Part
 from ..forward.report import row
 from ..layout.observables import Distal, Observable, Somewhere
@@ -45,14 +45,7 @@ def _heading(fit: CalibrationSolution) -> list[str]:
 
 
 def _loss(fit: CalibrationSolution) -> str:
-    name = fit.estimation.loss
-    words = {
-        "squared": "weighted least squares",
-        "distance": f"sum of distances, smoothed within {SMOOTHING:g} standard deviations",
-        "huber": "Huber's",
-        "cauchy": "Cauchy's",
-    }
-    return f"{words[name]}; {fit.objective:.6g} at the solution"
+    return f"{LOSSES[fit.estimation.loss]}; {fit.objective:.6g} at the solution"
 
 
 def _verdict(fit: CalibrationSolution) -> str:

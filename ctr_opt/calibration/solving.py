@@ -19,6 +19,9 @@ from .simultaneous import solve_simultaneous
 METHODS: dict[str, Callable[..., Outcome]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
 
 
+_MOST_FRAMES = 8  # how often poses are compared in the frames of other tubes, as estimates move their ends
+
+
 def check_sensors(estimation: Estimation) -> None:
     """Raise ``DefinitionError`` for the pose of a sensor without measurements."""
     measured = names_of([one for experiment in estimation.experiments for one in experiment.observables])
@@ -40,6 +43,17 @@ def solve(estimation: Estimation, method: str, progress: Progress | None) -> Fit
         second = solve_reduced(estimation, equilibria, progress)
         if second.converged:
             answer, method = second, "simultaneous (not converged), then reduced"
+    ways = method
+    for _ in range(_MOST_FRAMES):
+        framed = estimation.framed_at(answer.x)
+        if framed is estimation:
+            break
+        estimation, method = framed, f"{ways}, then reduced with poses of other tubes, as the estimates move their ends"
+        equilibria = estimation.equilibria_of(answer.x, "the estimates", progress)
+        estimation.prepare(equilibria)
+        answer = solve_reduced(estimation, equilibria, progress, start=answer.x)
+    else:
+        raise EstimationError(_undecided(estimation, answer))
     if not answer.converged:
         raise EstimationError(_failure(estimation, answer, method))
     return Fit(estimation, answer, method)
@@ -56,6 +70,17 @@ def _prepared(estimation: Estimation, progress: Progress | None = None) -> list[
     equilibria = estimation.equilibria_of(estimation.unknowns.initial, "the initial parameters", progress)
     estimation.prepare(equilibria)
     return equilibria
+
+
+def _undecided(estimation: Estimation, outcome: Outcome) -> str:
+    """Which poses are of one tube with some estimates, and of another with those that follow."""
+    before = (layout.observables for layout in estimation.layouts)
+    after = (layout.observables for layout in estimation.framed_at(outcome.x).layouts)
+    numbers = [k for k, (old, new) in enumerate(zip(before, after, strict=True)) if old != new]
+    return (
+        f"experiments {', '.join(map(str, numbers))}: the estimates do not settle which tube is innermost where poses "
+        "were measured; name it, as in PoseMeasurement(Distal(0), ..., tube=0)"
+    )
 
 
 def _failure(estimation: Estimation, outcome: Outcome, method: str) -> str:

@@ -303,7 +303,11 @@ class Unknowns:
         there = []
         for k, experiment in enumerate(self.experiments):
             of_loads = {n: one for n, one in parameters(self.robot, *experiment).items() if parsed(n)[0] == "loads"}
-            there += chosen(of_loads, [wanted.name], f"experiments[{k}]")
+            if not of_loads:
+                raise DefinitionError(
+                    f"parameters = {wanted.name!r} must be of a load in every experiment; experiments[{k}] has no loads"
+                )
+            there += chosen(of_loads, [wanted.name], f"parameters, in experiments[{k}],")
         if len({one.value.shape for one in there}) > 1:
             raise DefinitionError(f"{wanted.name!r}: the load must be of the same kind in all experiments")
         return self._unknown(wanted, there[0], (wanted.name,))

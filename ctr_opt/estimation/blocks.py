@@ -15,6 +15,11 @@ from .measurements import Measurement
 from .places import Orders, eliminated, free, orders
 
 
+def form(measurements: Sequence[Measurement]) -> tuple[object, ...]:
+    """What the measurements of experiments must share, beside their observables, to share a model and blocks."""
+    return *((type(measurement), measurement.shape) for measurement in measurements), orders(measurements)
+
+
 @attrs.frozen(eq=False, slots=False)
 class Blocks:
     """Consecutive blocks (points, poses) of ``sizes`` numbers under a loss; ``orders`` groups the estimated places."""

@@ -11,7 +11,14 @@ import numpy as np
 from ..checks import Array
 from .chi_square import quantile, tail
 
-LOSSES = ("squared", "distance", "huber", "cauchy")
+LOSSES = {
+    "squared": "weighted least squares",
+    "distance": "sum of distances",
+    "huber": "Huber's loss",
+    "cauchy": "Cauchy's loss",
+}
+"""The losses, and what they are called in reports."""
+
 SMOOTHING = 1e-2  # standard deviations: the distance is sqrt(r^2 + SMOOTHING^2) - SMOOTHING, as it has a corner at zero
 _HUBER, _CAUCHY = 1.345, 2.385  # 95 % efficient for normal errors of one dimension
 

@@ -13,6 +13,7 @@ from ..calibration.plot import figure_fit
 from ..calibration.report import by_place, sizes_by_place, worst_point
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
+from ..estimation.losses import LOSSES
 from ..estimation.measurements.kind import DIRECTIONS, POINTS
 from ..forward.problem import ForwardProblem
 from ..robot.actuation import Actuation
@@ -30,12 +31,6 @@ if TYPE_CHECKING:
 _LIMITS = (3.0, 4.0)  # mm: the paper reports the share of the tip's errors below these
 _STATISTICS = ("mean", "median", "sd", "least", "largest")
 _MOST_LEFT_OUT = 0.1  # of the experiments
-LOSS_NAMES = {
-    "distance": "sum of distances",
-    "squared": "weighted least squares",
-    "huber": "Huber's loss",
-    "cauchy": "Cauchy's loss",
-}
 
 
 def write_report(
@@ -68,24 +63,24 @@ def _lines(calibration: Calibration, nominal: Fit, fits: Mapping[str, Fit], held
     for loss, fit in fits.items():
         lines += _undetermined(loss, fit)
     for loss, fit in fits.items():
-        lines += ["", f"## Errors with calibrated parameters: {LOSS_NAMES[loss]}", "", *_errors(fit)]
+        lines += ["", f"## Errors with calibrated parameters: {LOSSES[loss]}", "", *_errors(fit)]
     lines += ["", "![Errors of the tip](errors.png)"]
     for loss, fit in held.items():
         table = hold_out_table(fits[loss], fit)
-        lines += ["", f"## Prediction of the held-out experiments: {LOSS_NAMES[loss]}", "", *table]
+        lines += ["", f"## Prediction of the held-out experiments: {LOSSES[loss]}", "", *table]
     lines += ["", "## Experiments that do not fit", "", *_outliers(fits)]
     if "squared" in fits and fits["squared"].outliers:
         lines += ["", *_without(calibration, fits["squared"])]
     if calibration.checks:
         lines += ["", "## Prediction of what was not fitted", "", *_checks(calibration, fits)]
     for loss, fit in fits.items():
-        lines += ["", f"## The fit in full: {LOSS_NAMES[loss]}", "", "```", fit.report(), "```"]
+        lines += ["", f"## The fit in full: {LOSSES[loss]}", "", "```", fit.report(), "```"]
         lines += ["", f"![Errors, residuals, correlations, confidence](fit_{loss}.png)"]
     return lines
 
 
 def _named(fits: Mapping[str, Fit]) -> dict[str, Fit]:
-    return {LOSS_NAMES[loss]: fit for loss, fit in fits.items()}
+    return {LOSSES[loss]: fit for loss, fit in fits.items()}
 
 
 def _counted(calibration: Calibration) -> str:
@@ -171,13 +166,13 @@ def _outliers(fits: Mapping[str, Fit]) -> list[str]:
     lines = []
     for loss, fit in fits.items():
         if not fit.outliers:
-            lines.append(f"- {LOSS_NAMES[loss]}: none.")
+            lines.append(f"- {LOSSES[loss]}: none.")
         for k in fit.outliers:
             experiment = fit.estimation.experiments[k]
             turned = ", ".join(f"{x:g}" for x in np.round(np.rad2deg(experiment.actuation.rotations), 2))
             pushed = ", ".join(f"{x:g}" for x in np.round(1e3 * experiment.actuation.translations, 3))
             lines.append(
-                f"- {LOSS_NAMES[loss]}: {experiment.name or k} ({turned} deg; {pushed} mm; "
+                f"- {LOSSES[loss]}: {experiment.name or k} ({turned} deg; {pushed} mm; "
                 f"{'loaded' if experiment.loads else 'unloaded'}): "
                 f"{worst_point(fit, k)}influence (Cook's distance) {fit.influence[k]:.2g}. "
                 "It was fitted with the others; look for a mistake in its record."
@@ -193,11 +188,11 @@ def _without(calibration: Calibration, fit: Fit) -> list[str]:
         worst = max(rest.outliers, key=lambda k: float(rest.influence[k]))
         left.append(rest.estimation.experiments[worst].name or str(worst))
         rest = rest.without(worst)
-    title = f"{LOSS_NAMES['squared']} without {', '.join(left)}"
+    title = f"{LOSSES['squared']} without {', '.join(left)}"
     lines = [
         f"The most influential experiment left out, repeatedly until no outlier remains ({', '.join(left)}):",
         "",
-        *_parameters(calibration, {LOSS_NAMES["squared"]: fit, title: rest}),
+        *_parameters(calibration, {LOSSES["squared"]: fit, title: rest}),
         "",
     ]
     if rest.estimation.scaled:
@@ -235,7 +230,7 @@ def _parameters(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
 def _undetermined(loss: str, fit: Fit) -> list[str]:
     if not fit.undetermined:
         return []
-    lines = ["", f"Not determined ({LOSS_NAMES[loss]}):", "", *(f"- {direction}" for direction in fit.undetermined)]
+    lines = ["", f"Not determined ({LOSSES[loss]}):", "", *(f"- {direction}" for direction in fit.undetermined)]
     return lines + [f"- but {name} = {ratio:.4g} ± {error:.2g}" for name, (ratio, error) in fit.ratios.items()]
 
 
@@ -265,7 +260,7 @@ def _checks(calibration: Calibration, fits: Mapping[str, Fit]) -> list[str]:
             except EstimationError:
                 cells.append("not determined")
         rows.append([check.problem.title, *cells])
-    return _table(["tip error [mm] (of the length)", "nominal", *(LOSS_NAMES[loss] for loss in fits)], rows)
+    return _table(["tip error [mm] (of the length)", "nominal", *(LOSSES[loss] for loss in fits)], rows)
 
 
 def _histograms(nominal: Fit, fits: Mapping[str, Fit]) -> Figure:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..calibration.fit import Fit
 from ..checks import Array
 from ..errors import DefinitionError, EstimationError
-from ..estimation.blocks import Blocks
+from ..estimation.blocks import Blocks, form
 from ..estimation.chi_square import p_value
 from ..estimation.comparison import Comparison
 from ..estimation.experiment import Experiment
@@ -181,7 +181,7 @@ class Case:
         before = self.experiment
         return (
             self.observables == observables
-            and [type(one) for one in before.measurements] == [type(one) for one in experiment.measurements]
+            and form(before.measurements) == form(experiment.measurements)
             and before.loads == experiment.loads
             and self.ends.innermost() == ends.innermost()
             and self.numbered.serves(unknown)

@@ -96,12 +96,12 @@ class DistributedForce(UnknownLoad):
     def placed(self, ends: Ends) -> DistributedForce:
         """The force on a robot with tube ends ``ends``; an open ``end`` becomes the tube's."""
         end = ends.of(self.tube)
-        if self.start >= end or (self.end is not None and self.end > end):
+        if self.start >= end or (self.end is not None and not ends.reaches(self.tube, self.end)):
             raise DefinitionError(
                 f"a distributed force from {self.start:g} to {self.end or end:g} m is not on tube {self.tube}, which "
                 f"ends at {end:g} m"
             )
-        return self if self.end is not None else attrs.evolve(self, end=end)
+        return self if self.end is not None and self.end <= end else attrs.evolve(self, end=end)
 
     @cached_property
     def spline(self) -> BSpline[np.float64]:

@@ -20,6 +20,7 @@ _PLANES = ((0, 2), (1, 2), (0, 1))
 _AXES = "xyz"
 _FORCE, _BAND = "#B2182B", "#4D4D4D"
 _PLACES = 41  # along the robot, of its band
+_VISIBLE = 0.02  # of the robot's length: a narrower band is drawn wider, by a factor that the legend names
 
 
 def figure_force(estimate: ForceSolution) -> Figure:
@@ -28,23 +29,29 @@ def figure_force(estimate: ForceSolution) -> Figure:
     Below the shape the confidence ellipses of forces in three planes, and densities of distributed forces with bands.
     """
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     points = [k for k in range(len(estimate.case.numbered.unknown)) if k not in estimate.distributed]
     rows = 1 + bool(points) + len(estimate.distributed)
-    figure = Figure(figsize=(12.0, 0.6 + 3.4 * rows), layout="constrained")
+    figure = Figure(figsize=(12.0, 0.6 + 3.4 * rows), layout=ConstrainedLayoutEngine(w_pad=0.1))
     grid = figure.add_gridspec(rows, 3, height_ratios=[1.2] + [1.0] * (rows - 1))
     s = np.linspace(0.0, estimate.shape.length, _PLACES)
     positions, covariances = estimate.position(s)
+    widest = _factor(1) * np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, -1], 0.0))
+    wider = widened(float(widest.max()), estimate.shape.length)
     for column, plane in enumerate(((2, 0), (2, 1))):
         ax = figure.add_subplot(grid[0, column])
+        _draw_band(ax, 1e3 * positions[:, plane], 1e6 * covariances[:, plane][:, :, plane], wider)
         _draw_shape(estimate, ax, plane)
-        _draw_band(ax, 1e3 * positions[:, plane], 1e6 * covariances[:, plane][:, :, plane])
         if not column:
             ax.legend(frameon=False, loc="best", fontsize=8)
-    _draw_width(figure.add_subplot(grid[0, 2]), s, covariances)
+    ax = figure.add_subplot(grid[0, 2])
+    ax.plot(1e3 * s, 1e3 * widest, color=_BAND)
+    ax.set(xlabel="arc length [mm]", ylabel="position known to [mm], 95 %", ylim=(0.0, None))
     if points:
+        half = _half_width(estimate, points)
         for column, plane in enumerate(_PLANES):
-            _draw_ellipses(estimate, figure.add_subplot(grid[1, column]), plane, points)
+            _draw_ellipses(estimate, figure.add_subplot(grid[1, column]), plane, points, half)
     for row, number in enumerate(estimate.distributed, start=1 + bool(points)):
         for column in range(3):
             _draw_density(estimate, figure.add_subplot(grid[row, column]), number, column)
@@ -87,22 +94,30 @@ def _where(estimate: ForceSolution) -> list[float]:
     return found
 
 
-def _draw_band(ax: Any, points: Array, covariances: Array) -> None:
+def widened(width: float, length: float) -> int:
+    """By which of 1, 2, 5, 10, 20, ... a band of this half-width is drawn wider, to be seen."""
+    steps = (step * 10**power for power in range(5) for step in (1, 2, 5))
+    return next((step for step in steps if step * width >= _VISIBLE * length), 1)
+
+
+def _draw_band(ax: Any, points: Array, covariances: Array, wider: int) -> None:
     """Across the backbone in a plane, mm."""
     along = np.gradient(points, axis=0)
     across = np.stack((-along[:, 1], along[:, 0]), axis=1)
     across /= np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
-    widths = _factor(1) * np.sqrt(np.einsum("ki,kij,kj->k", across, covariances, across))
+    widths = wider * _factor(1) * np.sqrt(np.einsum("ki,kij,kj->k", across, covariances, across))
     edges = np.vstack((points + widths[:, None] * across, (points - widths[:, None] * across)[::-1]))
-    ax.fill(*edges.T, color=_BAND, alpha=0.3, lw=0.0, label="95 %")
+    name = "95 % band" if wider == 1 else f"95 % band, {wider} times as wide"
+    ax.fill(*edges.T, color=_BAND, alpha=0.25, lw=0.0, label=name, zorder=0)
 
 
-def _draw_width(ax: Any, s: Array, covariances: Array) -> None:
-    """How far the backbone may be off, along its arc length, in the direction in which it is known worst."""
-    widest = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, -1], 0.0))
-    ax.plot(1e3 * s, 1e3 * _factor(1) * widest, color=_BAND)
-    ax.set(xlabel="arc length [mm]", ylabel="position known to [mm], 95 %")
-    ax.set_ylim(bottom=0.0)
+def _half_width(estimate: ForceSolution, numbers: list[int]) -> float:
+    """Half the span, N, of panels that hold the ellipses of these forces: the same in all planes."""
+    covariances = np.reshape(estimate.force_covariance, (-1, 3, 3))[numbers]
+    forces = np.atleast_2d(estimate.force)[numbers]
+    reach = _factor(2) * np.sqrt(np.einsum("kii->ki", covariances))
+    low, high = np.minimum((forces - reach).min(axis=0), 0.0), np.maximum((forces + reach).max(axis=0), 0.0)
+    return 0.55 * float((high - low).max()) or 1.0
 
 
 def _draw_density(estimate: ForceSolution, ax: Any, number: int, axis: int) -> None:
@@ -123,7 +138,7 @@ def _measured(estimate: ForceSolution) -> Array:
     return np.vstack(found) if found else np.zeros((0, 3))
 
 
-def _draw_ellipses(estimate: ForceSolution, ax: Any, plane: tuple[int, int], numbers: list[int]) -> None:
+def _draw_ellipses(estimate: ForceSolution, ax: Any, plane: tuple[int, int], numbers: list[int], half: float) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     circle = _factor(2) * np.vstack((np.cos(angle), np.sin(angle)))
     forces, covariances = np.atleast_2d(estimate.force), np.reshape(estimate.force_covariance, (-1, 3, 3))
@@ -137,7 +152,8 @@ def _draw_ellipses(estimate: ForceSolution, ax: Any, plane: tuple[int, int], num
     ax.axhline(0.0, color="0.8", lw=0.6, zorder=0)
     ax.axvline(0.0, color="0.8", lw=0.6, zorder=0)
     ax.set(xlabel=f"force {_AXES[plane[0]]} [N]", ylabel=f"force {_AXES[plane[1]]} [N]")
-    ax.set_aspect("equal", adjustable="datalim")
+    middle = ax.dataLim.get_points().mean(axis=0)
+    ax.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, half], aspect="equal")
     ax.locator_params(nbins=5)
     if plane == _PLANES[0]:
         ax.legend(frameon=False, fontsize=8)

@@ -57,12 +57,13 @@ class CompiledProblem:
         if rows is None or (start is None and initial is not None):
             return None
         while True:
-            numbers = self._room()  # created and located much faster than an array
+            size, room = self._room  # read together: another thread may make more room meanwhile
+            numbers = room()  # created and located much faster than an array
             address = ctypes.addressof(numbers)
             if start is None:
-                failed = self.native.cold(self._address, rows.address, inputs, self._goal, address, self._size)
+                failed = self.native.cold(self._address, rows.address, inputs, self._goal, address, size)
             else:
-                failed = self.native.warm(self._address, rows.address, inputs, start, self._goal, address, self._size)
+                failed = self.native.warm(self._address, rows.address, inputs, start, self._goal, address, size)
             if not failed:
                 record = CompiledRecord(self, actuation, loads, numbers, address, perf_counter() - begin)
                 return None if start is None and self.rejects(record) else record
@@ -71,7 +72,7 @@ class CompiledProblem:
             self._make_room(2 * int(numbers[Head.NEEDED]))
 
     def _make_room(self, size: int) -> None:
-        self._size, self._room = size, ctypes.c_double * size
+        self._room = size, ctypes.c_double * size
 
     def knows(self, loads: tuple[Load, ...]) -> bool:
         """Whether compiled code supports all of the loads."""
@@ -167,7 +168,7 @@ class CompiledBatch:
     def __init__(
         self, problem: CompiledProblem, actuations: Array, loads: list[tuple[Load, ...]], tables: dict[int, LoadRows]
     ) -> None:
-        count, size = len(actuations), problem._size
+        count, size = len(actuations), problem._room[0]
         self._problem, self._actuations, self._loads, self._tables = problem, actuations, loads, tables
         self._addresses = np.array([tables[id(row)].address for row in loads], dtype=np.uintp)
         self._numbers, self._failed = np.empty((count, size)), np.empty(count, dtype=np.intc)

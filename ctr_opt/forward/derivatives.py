@@ -72,7 +72,9 @@ def base_wrench(solved: Solved) -> Array:
     """Force and moment of the robot on its support."""
     scales, shooting = solved.configuration.scales, solved.shooting
     force, moment = (part.full()[:, 0] for part in shooting.functions.support(solved.z, shooting.entry))
-    return np.concatenate((force * scales.force, moment * scales.moment))
+    wrench = np.concatenate((force * scales.force, moment * scales.moment))
+    wrench.setflags(write=False)
+    return wrench
 
 
 def kinks(solved: Solved) -> tuple[int, ...]:

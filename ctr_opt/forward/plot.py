@@ -87,7 +87,7 @@ def plot_equilibrium(
     axes: Any = _new_axes(equilibrium) if ax is None else ax
     if getattr(axes, "name", "") != "3d":
         raise DefinitionError(f"ax = {axes!r} must be three-dimensional: make it with projection='3d'")
-    # Concentric surfaces have the same mean depth: the order must come from us, the outer tube over the inner.
+    # Tubes, frames and arrows overlap: the order must come from us, not from their mean depths.
     axes.computed_zorder = False
     if tubes:
         _draw_tubes(axes, equilibrium, color, alpha, label)
@@ -146,7 +146,8 @@ def draw_backbone(equilibrium: Equilibrium, ax: Axes, plane: tuple[int, int]) ->
             continue
         points = _MM * equilibrium.position(np.linspace(start, ends[tube], 100))[:, list(plane)]
         width = 1.5 + 1.2 * tube
-        ax.plot(*points.T, color=_tube_color(tube), lw=width, solid_capstyle="butt", label=f"tube {tube}")
+        name = equilibrium.robot.tubes[tube].name
+        ax.plot(*points.T, color=_tube_color(tube), lw=width, solid_capstyle="butt", label=name)
         start = float(ends[tube])
 
 
@@ -181,13 +182,18 @@ def _tube_color(tube: int) -> str:
 
 
 def _draw_tubes(axes: Any, equilibrium: Equilibrium, color: Any, alpha: float, label: str | None) -> None:
+    ends = equilibrium.configuration.tube_ends
     for i, tube in enumerate(equilibrium.robot.tubes):
-        end = float(equilibrium.configuration.tube_ends[i])
-        s = np.append(equilibrium.arc_length[equilibrium.arc_length < end - _CLOSE * equilibrium.length], end)
-        poses = equilibrium.pose(s, i)
+        # A tube is drawn where no other is around it: one surface inside another would shine through between facets.
+        start, end = max(0.0, *ends[i + 1 :], 0.0), float(ends[i])
         name = tube.name if label is None else label if color is not None else f"{label}: {tube.name}"
         style: dict[str, Any] = {"color": color or _tube_color(i), "alpha": alpha, "zorder": 2.0 + 0.01 * i}
-        _draw_swept(axes, poses, np.full(len(s), 0.5 * tube.outer_diameter), **style)
+        if end - start < _CLOSE * equilibrium.length:
+            axes.plot([], [], [], label=name, **style)
+            continue
+        inside = (equilibrium.arc_length > start) & (equilibrium.arc_length < end)
+        poses = equilibrium.pose(np.concatenate(([start], equilibrium.arc_length[inside], [end])), i)
+        _draw_swept(axes, poses, np.full(len(poses), 0.5 * tube.outer_diameter), **style)
         # The line inside keeps a tube visible that is thinner than a pixel, and is the legend's entry.
         axes.plot(*_MM * poses[:, :3, 3].T, lw=1.0, label=name, **(style | {"zorder": style["zorder"] - 0.005}))
 
@@ -282,7 +288,7 @@ def _draw_arrows(
         if size > 0.0:
             length = longest * equilibrium.length * size / sizes.max()
             _draw_arrow(axes, position, length * value / size, 0.02 * longest * equilibrium.length, color)
-            place = _MM * (position + (length + 0.035 * equilibrium.length) * value / size)
+            place = _MM * (position + (length + 0.09 * equilibrium.length) * value / size)
             halo = [withStroke(linewidth=2.5, foreground="white")]
             axes.text(*place, label, color=color, ha="center", va="center", zorder=5, path_effects=halo)
 
@@ -307,7 +313,8 @@ def _finish(axes: Any) -> None:
     sides = 1.04 * np.maximum(np.ptp(data, axis=1), _NARROWEST * np.ptp(data, axis=1).max())
     limits = data.mean(axis=1)[:, None] + 0.5 * sides[:, None] * np.array([-1.0, 1.0])
     axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2], xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.set_box_aspect(sides)
+    alone = len(axes.figure.axes) == 1  # then labels of axes need room within the figure
+    axes.set_box_aspect(sides, zoom=0.82 if alone else 1.0)
     axes.zaxis.labelpad = 9.0
     for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
         axis.set_major_locator(MaxNLocator(max(2, round(7 * side / sides.max())), steps=[1, 2, 5, 10]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
@@ -63,8 +64,10 @@ def _tableaus() -> str:
 
 
 def _header(name: str, kind: Kind) -> str:
-    """The text of a header for a kind."""
-    return "".join(_chosen(_read(name), {flag.upper(): flag in kind.flags for flag in kind.known_flags()}))
+    """The text of a header for a kind, without comments: these are not compiled."""
+    text = re.sub(r"/\*.*?\*/|//[^\n]*", "", _read(name), flags=re.DOTALL)
+    lines = _chosen(text, {flag.upper(): flag in kind.flags for flag in kind.known_flags()})
+    return "".join(line for line in lines if line.strip())
 
 
 def _read(name: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from ..checks import ARRAY_EQ, Array, Checked, Entry, described, given
+from ..checks import ARRAY_EQ, Array, Checked, Entry, array, described, given
 from ..errors import DefinitionError
 
 
@@ -42,6 +42,8 @@ class Actuation(Checked):
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()
+        if self.read is not None:
+            object.__setattr__(self, "read", array(self.read, "read", (2, len(self.rotations))))
         if len(self.rotations) != len(self.translations):
             raise DefinitionError(
                 f"rotations has {len(self.rotations)} entries, but translations has {len(self.translations)}: "

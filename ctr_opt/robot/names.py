@@ -76,6 +76,20 @@ def symbol(label: str) -> str:
     return label
 
 
+def caption(label: str, robot: Robot) -> str:
+    """A number's name for figures, with the tube's own name: ``curvature.x of inner[1]``, ``E of middle``.
+
+    The number in brackets is that of the piece of precurvature.
+    """
+    match parsed(label):
+        case ("tubes", int(i), "precurvature", int(piece), *field):
+            return f"{'.'.join(map(str, field))} of {robot.tubes[i].name}[{piece}]"
+        case ("tubes", int(i), *field):
+            name = ".".join(map(str, field))
+            return f"{_SYMBOLS.get(name, name.replace('_', ' '))} of {robot.tubes[i].name}"
+    return label
+
+
 def unit_of(label: str) -> tuple[float, str]:
     """Return the factor and the unit in which reports show the number of this label.
 
@@ -199,7 +213,7 @@ def chosen(known: Mapping[str, Parameter], names: Iterable[str], field: str = "w
             close = get_close_matches(str(name), list(known), 3)
             hint = f" (did you mean {' or '.join(map(repr, close))}?)" if close else ""
             acting = ", ".join(candidate.name for candidate in known.values() if not candidate.idle)
-            raise DefinitionError(f"{field} = {name!r} is not a parameter{hint}; allowed are {acting}")
+            raise DefinitionError(f"{field} = {name!r} is not a parameter{hint}; allowed are {acting or 'none'}")
         if parameter.idle:
             raise DefinitionError(f"{field} = {name!r} does not act: {parameter.idle}")
         if name in selected:

@@ -5,10 +5,11 @@ import pytest
 
 import ctr_opt as ctr
 from benchmarks.calibration_data import PLACES, checks, experiments, true_robot
+from benchmarks.synthetic import synthetic_experiments
 from ctr_opt.calibration.estimation import Estimation
-from ctr_opt.estimation.synthetic import synthetic_experiments
 from ctr_opt.files.calibration import load_calibration
 from ctr_opt.files.experiments import read_experiments, write_experiments
+from tests.support.slow import some_slow
 
 pytestmark = pytest.mark.usefixtures("compiling")
 
@@ -31,7 +32,7 @@ def flat(fit):
     return np.concatenate([np.ravel(value) for value in fit.values.values()])
 
 
-@pytest.mark.parametrize("compiled", [None, False], ids=["default", "virtual machine"])
+@pytest.mark.parametrize("compiled", some_slow([None, False], [None]), ids=["default", "virtual machine"])
 def test_slopes_against_differences(given, cases, compiled):
     """Of misfit and residual by all that acts, away from the solution; differences are good to 1e-8 of the largest."""
     names = [

@@ -8,6 +8,7 @@ import pytest
 import ctr_opt as ctr
 from ctr_opt.calibration.plot import plot_residuals
 from tests.support.estimated import NOISE, every_kind, experiments, points, small_robot, solve, with_points
+from tests.support.slow import some_slow
 
 mpl.use("Agg")
 Position, Pose, Tangent = ctr.PositionMeasurement, ctr.PoseMeasurement, ctr.TangentMeasurement
@@ -184,7 +185,7 @@ def test_reports_tell_everything(mixed):
     for text in (
         "Fit of 8 numbers to 6 experiments",
         "simultaneous",
-        "Huber's",
+        "Huber's loss",
         "chi-square",
         "errors from the sandwich",
         "base.translation.x",
@@ -229,12 +230,28 @@ def test_figures(mixed):
     figure.canvas.draw()
     plt.close(figure)
     ax = plot_residuals(mixed)
-    points_drawn = len(ax.lines[0].get_xdata())
-    assert points_drawn == 6 * 4 + 1  # points and poses alone: a curvature of three numbers is none
+    inside, above, below = (len(line.get_xdata()) for line in ax.lines[:3])  # along x
+    assert inside + above + below == 6 * 4 + 1  # points and poses alone: a curvature of three numbers is none
     plt.close(ax.figure)
 
 
-@pytest.mark.parametrize("names", [[EI], ["base.translation"]])
+def test_an_outlier_does_not_squeeze_the_residuals():
+    from matplotlib import pyplot as plt
+
+    data = with_points(DATA, sigma=1e-4)
+    last = data[-1]
+    (points,) = last.measurements
+    shifted = attrs.evolve(points, position=np.add(points.position, [0.0, 0.02, 0.0]))
+    fit = ctr.CalibrationProblem(ROBOT, [*data[:-1], attrs.evolve(last, measurements=[shifted])], [EI]).solve()
+    ax = plot_residuals(fit)
+    assert ax.get_ylim()[1] < 2.0  # mm, where the outlier is 20
+    markers = {line.get_marker(): len(line.get_xdata()) for line in ax.lines[3:6]}  # along y
+    assert markers["v"] == len(points.position)
+    assert f"{len(points.position)} points beyond" in [text.get_text() for text in ax.get_legend().get_texts()]
+    plt.close(ax.figure)
+
+
+@pytest.mark.parametrize("names", some_slow([[EI], ["base.translation"]], [[EI]]))
 def test_figures_of_few_numbers(names):
     from matplotlib import pyplot as plt
 

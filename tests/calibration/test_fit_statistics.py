@@ -12,6 +12,7 @@ from ctr_opt.calibration import refits
 from ctr_opt.calibration.estimation import Estimation
 from ctr_opt.robot.names import robot_with
 from tests.support.estimated import NOISE, experiments, flat, off_by, points, small_robot, solve, with_points
+from tests.support.slow import some_slow
 
 pytestmark = pytest.mark.usefixtures("compiling")
 
@@ -57,6 +58,7 @@ def truth_of(robot):
 # -- errors -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_standard_errors_are_the_scatter(robot, exact):
     """Each number's, all together by the covariance, and chi-square; noise is rejected once in 1000."""
     truth, fits = truth_of(robot), [fitted(robot, noisy(exact, seed)) for seed in range(REPETITIONS)]
@@ -88,7 +90,7 @@ def test_a_noise_level_that_is_too_small_is_rejected(robot, exact):
     assert "from the residuals" in none.report()
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy", "distance"])
+@pytest.mark.parametrize("loss", some_slow(["huber", "cauchy", "distance"], ["cauchy"]))
 def test_the_sandwich_is_the_scatter(robot, exact, loss):
     """A tenth of the points is off by eight times the noise; within 25 %, as sandwiches of 12 points are no better."""
     truth = truth_of(robot)
@@ -314,6 +316,7 @@ def test_profiles_are_parabolas(robot, exact):
     assert (excess[[0, 2]] > 2.0).all()
 
 
+@pytest.mark.slow
 def test_bootstrap_spreads_like_the_errors(robot):
     """Of twelve experiments, few of which tell of the inner tube: a third to twice; the same for the same seed."""
     fit = fitted(robot, noisy(experiments(robot, 12, 8, noise=False, size=1.0), 5))

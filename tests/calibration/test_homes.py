@@ -68,6 +68,11 @@ def test_the_mark_stays_with_copies(fit, again):
     fit.homes.check(marked)
 
 
+def test_joints_as_read_are_checked():
+    with pytest.raises(ctr.DefinitionError, match=r"read = .x. must be numbers of shape"):
+        ctr.Actuation([0.0], [0.0], read="x")
+
+
 def test_the_mark_is_of_its_joints_and_its_offsets(fit):
     """Changed joints, or another fit's homes, are not taken for those that this fit made."""
     marked = fit.actuation([0.1, 0.2], [-0.1, -0.05])
@@ -128,3 +133,45 @@ def test_checks_of_a_calibration_page_have_the_homes(fit):
     nominal, calibrated = (float(error) for error in re.findall(r"(\d+\.\d+) \(", row))
     assert nominal > 0.3  # mm
     assert calibrated == 0.0
+
+
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "virtual machine"])
+def test_poses_at_the_tip_are_those_of_the_tube_that_the_estimate_puts_there(compiled):
+    """Joints as read put one tube at the tip, those with the true homes the other: exact data give the homes."""
+    inner = ctr.Tube(
+        "inner", 1e-3, 0.6e-3, [ctr.Straight(0.1), ctr.Arc(0.05, 8.0)], youngs_modulus=60e9, poisson_ratio=0.3
+    )
+    outer = ctr.Tube(
+        "outer", 1.6e-3, 1.2e-3, [ctr.Straight(0.05), ctr.Arc(0.05, 5.0)], youngs_modulus=60e9, poisson_ratio=0.3
+    )
+    robot = ctr.Robot([inner, outer])
+    problem = ctr.ForwardProblem(robot, tolerance=1e-9)
+    homes, lengths = np.array([[0.2, -0.1], [-0.002, 0.001]]), [tube.length for tube in robot.tubes]
+    rng, experiments, at_tip = np.random.default_rng(0), [], []
+    for _ in range(12):
+        rotations = rng.uniform(-1.2, 1.2, 2)
+        translations = np.array([-0.08 - 0.02 * rng.random(), -0.03 - 0.02 * rng.random()])
+        shape = problem.solve(ctr.Actuation(rotations + homes[0], translations + homes[1]))
+        seen = [
+            ctr.PoseMeasurement(None, shape.tip_pose, [1e-4] * 3 + [1e-3] * 3),
+            ctr.PositionMeasurement(0.03, shape.position(0.03), 1e-4),
+        ]
+        experiments.append(ctr.Experiment(ctr.Actuation(rotations, translations), [], seen))
+        at_tip.append([int(np.argmax(shifts + lengths)) for shifts in (translations, translations + homes[1])])
+    assert sum(read != true for read, true in at_tip) > 0
+    names = [f"tubes[{tube}].{what}_offset" for what in ("rotation", "translation") for tube in (0, 1)]
+    fit = ctr.CalibrationProblem(robot, experiments, names, compiled=compiled).solve()
+    np.testing.assert_allclose([fit.values[name] for name in names], homes.ravel(), atol=1e-7)
+    assert "as the estimates move their ends" in fit.method
+    others = fit.without([k for k, (read, true) in enumerate(at_tip) if read == true][:3])
+    np.testing.assert_allclose([others.values[name] for name in names], homes.ravel(), atol=1e-7)
+
+
+def test_a_load_that_is_not_in_all_experiments_is_named():
+    robot = small_robot(1)
+    seen = [ctr.PositionMeasurement(0.02, [0.0, 0.0, 0.02], 1e-4)]
+    experiment = ctr.Experiment(ctr.Actuation([0.0], [-0.1]), [], seen)
+    with pytest.raises(
+        ctr.DefinitionError, match=r"parameters = 'loads\[0\]\.force' must be .*; experiments\[0\] has no"
+    ):
+        ctr.CalibrationProblem(robot, experiment, ["loads[0].force"])

@@ -7,6 +7,7 @@ from scipy.stats import norm
 import ctr_opt as ctr
 from ctr_opt.robot.names import robot_with
 from tests.support.estimated import NOISE, every_kind, experiments, flat, off_by, points, small_robot, with_points
+from tests.support.slow import some_slow
 
 pytestmark = pytest.mark.usefixtures("compiling")
 
@@ -15,7 +16,8 @@ METHODS = ("simultaneous", "reduced")
 STIFFNESSES = ["tubes[0].bending_stiffness", "tubes[1].bending_stiffness"]
 NAMES = [*STIFFNESSES, "base.translation", "tubes[0].rotation_offset"]
 CURVATURE = "tubes[1].precurvature[1].curvature"
-COMPILED = pytest.mark.parametrize("compiled", [False, True], ids=["virtual machine", "compiled"])
+WAYS = {False: "virtual machine", True: "compiled"}
+COMPILED = pytest.mark.parametrize("compiled", WAYS, ids=WAYS.get)
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +30,13 @@ def noisy(robot):
     return experiments(robot, 6, 1, size=1.0)
 
 
-@COMPILED
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize(
+    ("loss", "compiled"),
+    some_slow(
+        [(loss, way) for way in WAYS for loss in LOSSES], [("squared", False), *((loss, True) for loss in LOSSES)]
+    ),
+    ids=WAYS.get,
+)
 def test_both_ways_end_at_the_same_answer(robot, noisy, loss, compiled):
     """1e-5 standard errors apart: the reduced way stops where the loss is least to 1e-12, a step of 1e-6."""
     off = off_by(robot, {STIFFNESSES[0]: 1.25, STIFFNESSES[1]: 0.75})
@@ -63,7 +70,7 @@ def test_exact_data_give_the_truth(robot, loss, method):
     np.testing.assert_allclose(found, truth[:2], rtol=1e-6)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", some_slow(METHODS, ["simultaneous"]))
 def test_exact_data_of_every_kind_give_the_truth(method):
     """Three tubes; forces, rotations of an experiment, a base that was moved and turned, a tied factor."""
     robot = small_robot(3)

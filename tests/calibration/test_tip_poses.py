@@ -106,6 +106,7 @@ def test_the_data_are_what_their_truth_gives(given):
         np.testing.assert_allclose(a.actuation.rotations, b.actuation.rotations, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_command_and_report(tmp_path):
     done = CliRunner().invoke(cli, ["calibrate", str(TIP_POSES), "--report", str(tmp_path)], catch_exceptions=False)
     assert done.exit_code == 0

@@ -12,14 +12,13 @@ from ctr_opt.estimation.losses import Loss
 from ctr_opt.estimation.places import _in_order, free, moved
 from ctr_opt.robot.names import robot_with
 from tests.support.estimated import actuations, experiments, flat, off_by, small_robot, solve
+from tests.support.slow import some_slow
 
 SIGMA = 5e-4
 NAMES = ["tubes[0].bending_stiffness", "tubes[0].rotation_offset"]
-WAYS = pytest.mark.parametrize(
-    ("method", "compiled"),
-    [("simultaneous", True), ("reduced", True), ("simultaneous", False), ("reduced", False)],
-    ids=lambda way: {True: "compiled", False: "virtual machine"}.get(way, way),
-)
+EACH = [("simultaneous", True), ("reduced", True), ("simultaneous", False), ("reduced", False)]
+NAMES_OF_WAYS = {True: "compiled", False: "virtual machine"}
+WAYS = pytest.mark.parametrize(("method", "compiled"), EACH, ids=lambda way: NAMES_OF_WAYS.get(way, way))
 
 
 def scanned(robot, count, points, seed, *, noise=SIGMA, ordered=False, least=0.05, most=0.97):
@@ -98,7 +97,7 @@ def noisy():
     return robot, data, independent, independent.fit(places)
 
 
-@WAYS
+@pytest.mark.parametrize(("method", "compiled"), some_slow(EACH, EACH[2:]), ids=lambda way: NAMES_OF_WAYS.get(way, way))
 def test_noisy_points_are_fitted_as_by_least_squares_over_all(noisy, method, compiled):
     """Both stop where their gradients are 1e-6 of a standard error or less from zero; so does what they say of errors.
 
@@ -121,7 +120,7 @@ def test_noisy_points_are_fitted_as_by_least_squares_over_all(noisy, method, com
 # -- order, ends ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("loss", ["squared", "huber"])
+@pytest.mark.parametrize("loss", some_slow(["squared", "huber"], ["squared"]))
 def test_order_is_kept_where_noise_breaks_it(loss):
     """Fourteen points, 6 mm apart: arc lengths are the best ones in order on the shape found, by SLSQP to 1e-7."""
     robot = small_robot(2)

@@ -9,6 +9,7 @@ import pytest
 import ctr_opt as ctr
 from ctr_opt.estimation.losses import Loss
 from tests.support.estimated import actuations, estimation, every_kind, experiments, points, small_robot, solve
+from tests.support.slow import some_slow
 
 OWN = [
     "base.translation",
@@ -62,7 +63,7 @@ def difference(of, step):
     return [(8.0 * (p - q) - (r - s)) / (12.0 * step) for p, q, r, s in zip(a, b, c, d, strict=True)]
 
 
-@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("name", some_slow(list(SETS), ["one tube"]))
 def test_slopes_are_differences(name):
     """By every unknown and base moment, away from equilibria: 1e-8 of the values' scale, as misfits are of some 100."""
     made, start = case(name)
@@ -119,7 +120,7 @@ def test_reduced_slopes_are_those_of_equilibria(name):
 
 
 @pytest.mark.parametrize("compiled", [False, True], ids=["virtual machine", "compiled"])
-@pytest.mark.parametrize("tubes", [1, 2, 3])
+@pytest.mark.parametrize("tubes", some_slow([1, 2, 3], [1, 2]))
 def test_reduced_slopes_are_sensitivities(tubes, compiled):
     """Of positions, poses and torques: each exact for its own mesh, whose errors are some 1e-9 of the largest."""
     robot, last, s = small_robot(tubes), tubes - 1, 0.031

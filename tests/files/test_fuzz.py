@@ -24,6 +24,7 @@ def test_damaged_texts(files):
     fuzzing.check(files)
 
 
+@pytest.mark.slow
 @few
 @given(fuzzing.stretched())
 def test_numbers_of_other_sizes(files):

@@ -183,3 +183,18 @@ def test_a_force_beyond_its_tube_is_refused(pushed):
     problem = ctr.ForceEstimationProblem(robot, ctr.DistributedForce(end=2.0), compiled=True)
     with pytest.raises(ctr.DefinitionError, match="ends at"):
         problem.solve(actuation, seen(shape))
+
+
+def test_a_force_may_end_where_its_tube_does_but_for_rounding():
+    """0.12 m less 0.05 m is less than 0.07 m: other loads accept it, too."""
+    rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.12, 8.0), youngs_modulus=60e9, poisson_ratio=0.3)])
+    held = ctr.Actuation([0.3], [-0.05])
+    shape = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.05, 0.0, 0.0])])
+    points = ctr.PositionMeasurement([0.03, 0.05, 0.06], shape.position([0.03, 0.05, 0.06]), sigma=1e-4)
+    problems = [
+        ctr.ForceEstimationProblem(rod, [ctr.DistributedForce(4, end=end, prior=(0.0, 1.0))]) for end in (0.07, None)
+    ]
+    there, whole = (problem.solve(held, points) for problem in problems)
+    np.testing.assert_allclose(there.force, whole.force, rtol=1e-9)
+    with pytest.raises(ctr.DefinitionError, match=r"from 0 to 0\.0701 m is not on tube 0"):
+        ctr.ForceEstimationProblem(rod, [ctr.DistributedForce(end=0.0701)]).solve(held, points)

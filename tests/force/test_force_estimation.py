@@ -85,6 +85,7 @@ def test_a_prior_pulls_as_bayes_has_it(pushed, estimate):
     assert np.abs(found.force - expected).max() < 0.1 * estimate.deviations.max()
 
 
+@pytest.mark.slow
 def test_errors_of_the_actuation_are_counted(pushed, estimate):
     """Covariance with the points' enlarged by the Jacobian's, which are those of the tip's shape: a part in 1e3."""
     robot, actuation, _, shape = pushed
@@ -250,3 +251,40 @@ def test_wrong_calls(pushed, arguments, call, message):
 
     with pytest.raises(ctr.DefinitionError, match=message):
         solve()
+
+
+def rod_with_scans():
+    """A rod under a tip force: its curvatures in two and in three components, and points along it, unplaced."""
+    rod = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Arc(0.12, 8.0), youngs_modulus=60e9, poisson_ratio=0.3)])
+    held = ctr.Actuation([0.3], [-0.05])
+    shape = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.1, 0.0, 0.0])])
+    s = np.array([0.01, 0.02, 0.03, 0.05])
+    turned, angle = shape.curvature(s), shape.tube_angle(0, s)
+    along, across = turned[:, 0], turned[:, 1]
+    bent = (np.cos(angle) * along + np.sin(angle) * across, np.cos(angle) * across - np.sin(angle) * along)
+    curvatures = np.column_stack((*bent, shape.torsion(0, s)))
+    rng = np.random.default_rng(3)
+    points = shape.position(np.array([0.02, 0.03, 0.031, 0.05, 0.051, 0.068])) + 2e-3 * rng.normal(size=(6, 3))
+    return rod, held, s, curvatures, points
+
+
+def scan(points, ordered=True):
+    return ctr.BackboneMeasurement(points, 2e-3, ordered=ordered)
+
+
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "virtual machine"])
+@pytest.mark.parametrize("kind", ["components", "order", "parts"])
+def test_a_kept_model_serves_the_same_measurements_only(kind, compiled):
+    """Otherwise blocks and orders of the experiment before would weigh and sort the next one's."""
+    rod, held, s, curvatures, points = rod_with_scans()
+    before, after = {
+        "components": [[ctr.CurvatureMeasurement(s, u, sigma=1e-3)] for u in (curvatures[:, :2], curvatures)],
+        "order": [[scan(points, ordered=False)], [scan(points)]],
+        "parts": [[scan(points[:2]), scan(points[2:])], [scan(points[:4]), scan(points[4:])]],
+    }[kind]
+    problem = ctr.ForceEstimationProblem(rod, [ctr.TipForce()], compiled=compiled)
+    problem.solve(held, before)
+    fresh = ctr.ForceEstimationProblem(rod, [ctr.TipForce()], compiled=compiled).solve(held, after)
+    estimate = problem.solve(held, after)
+    np.testing.assert_allclose(estimate.force, fresh.force, rtol=1e-9)
+    np.testing.assert_allclose(estimate.chi_squared, fresh.chi_squared, rtol=1e-9)

@@ -5,6 +5,8 @@ import pytest
 from scipy.stats import chi2
 
 import ctr_opt as ctr
+from ctr_opt.force.plot import widened
+from tests.support.slow import some_slow
 
 SIGMA = 2e-4  # m
 LOOSE = {"rotation_sigma": 0.01, "translation_sigma": 2e-4}  # rad, m
@@ -106,7 +108,7 @@ def test_errors_of_the_actuation_move_the_band(given, place):
     assert np.linalg.eigvalsh(found[0] - exact)[-1] > 0.0
 
 
-@pytest.mark.parametrize("loose", [False, True])
+@pytest.mark.parametrize("loose", some_slow([False, True], [True]))
 def test_the_truth_is_inside_the_band(given, loose):
     """``d' C^-1 d`` of the position at 120 mm over 60 trials is chi-square of 180, within 99.9 %."""
     robot, actuation, _, force = given
@@ -138,3 +140,9 @@ def test_places_off_the_robot_are_refused(given):
         estimate.position([0.1, 0.2])
     with pytest.raises(ctr.DefinitionError, match="no DistributedForce"):
         estimate.density(0.1)
+
+
+@pytest.mark.parametrize(("width", "wider"), [(0.01, 1), (0.0004, 5), (3e-5, 100), (0.0, 1)])
+def test_narrow_bands_are_drawn_wider(width, wider):
+    """By 1, 2, 5, 10, ...: the first with which a band is a fiftieth of the robot's length wide, here of 0.1 m."""
+    assert widened(width, 0.1) == wider

@@ -6,6 +6,7 @@ from scipy.stats import chi2, halfnorm
 
 import ctr_opt as ctr
 from ctr_opt.force.spread import Spread, between, within_cone
+from tests.support.slow import some_slow
 
 SAMPLES = 400_000
 
@@ -69,7 +70,7 @@ def wall(compiling):
     return given.robot, given.actuation, np.array([-0.6, 0.8, 0.0])
 
 
-@pytest.mark.parametrize("friction", [None, 0.3])
+@pytest.mark.parametrize("friction", some_slow([None, 0.3], [None]))
 def test_bars_hold_at_the_edge_of_what_is_possible(wall, friction):
     """``e' C^-1 e`` over 90 trials with pushes near the edge, in the mean as in free estimates: at most 40 % above.
 

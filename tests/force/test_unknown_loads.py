@@ -8,6 +8,7 @@ import ctr_opt as ctr
 from ctr_opt.robot.names import parameters
 from tests.support.estimated import actuations, arc_length, estimation, experiments, flat, off_by, small_robot, solve
 from tests.support.perturbed import central, changed
+from tests.support.slow import some_slow
 
 TIGHT = 1e-11
 
@@ -100,7 +101,7 @@ def test_offsets_move_break_points():
     np.testing.assert_allclose(slopes[:, 0], central(told, 2e-5), rtol=1e-6)
 
 
-@pytest.mark.parametrize("method", ["simultaneous", "reduced"])
+@pytest.mark.parametrize("method", some_slow(["simultaneous", "reduced"], ["simultaneous"]))
 def test_forces_tell_stiffnesses(method):
     """Shapes of free tubes tell ratios alone; exact forces tell both to the solves' accuracy."""
     robot = small_robot(2)

@@ -7,6 +7,7 @@ import pytest
 import ctr_opt as ctr
 from tests.support.perturbed import TIGHT, central, loads_for_all, one_sided
 from tests.support.physics import gauss, intervals, point_loads, random_problem, robot, rod, tube
+from tests.support.slow import some_slow
 
 # The potential energy is known to about the square of the error of a solve, so that differences of it with steps of
 # 20 um and 1 mrad are good to 1e-8 of the forces that act here.
@@ -52,7 +53,7 @@ def conservative(seed):
     return n, made, actuation, [*loads, *loads_for_all(n)[:3], riding, field, at]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", some_slow([1, 2], [1]))
 def test_differences_of_the_potential_energy(seed):
     """Along a random direction of the bases' motion."""
     n, made, actuation, loads = conservative(seed)

@@ -8,6 +8,7 @@ from scipy.special import ellipj
 import ctr_opt as ctr
 from ctr_opt.native.compile import compiler
 from tests.support.physics import held, rod
+from tests.support.slow import some_slow
 
 K, L = 0.02, 0.1
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
@@ -51,7 +52,7 @@ def test_the_folds_are_those_of_the_theory():
 
 @by_both
 @pytest.mark.parametrize("x", [2.0, 3.0])
-@pytest.mark.parametrize("step", [5.0, 40.0])
+@pytest.mark.parametrize("step", some_slow([5.0, 40.0], [40.0]))
 def test_the_row_behind_a_fold_alone_is_marked(compiled, x, step):
     """Turned to 400 deg and back: forward at the fold, backward at its mirror image, however long the steps are."""
     degrees, problem = np.arange(0.0, 401.0, step), pair(x, compiled=compiled)

@@ -9,6 +9,7 @@ import ctr_opt as ctr
 from ctr_opt.robot.names import parameters
 from tests.support.perturbed import TIGHT, central, changed, loads_for_all, one_sided, pose_vector
 from tests.support.physics import held, random_problem, robot, rod, tube
+from tests.support.slow import some_slow
 
 EI, GJ, L = 0.02, 0.015, 0.1
 RELATIVE = 1e-6
@@ -79,6 +80,7 @@ OUTPUTS = ("tip_pose", "energy", "load_work", "position", "pose", "curvature", "
 BY_TUBE = ("torsion", "tube_angle", "tube_moment")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4])
 def test_sensitivity_of_everything_by_every_parameter(seed):
     """Along a random direction of the numbers of each group of parameters."""
@@ -158,7 +160,11 @@ def expression_loads():
 
 
 @pytest.mark.parametrize(
-    "name", ["translations", "loads[0].start", "loads[1].arc_length", "loads[1].factor", "base.rotation"]
+    "name",
+    some_slow(
+        ["translations", "loads[0].start", "loads[1].arc_length", "loads[1].factor", "base.rotation"],
+        ["loads[0].start", "loads[1].arc_length"],
+    ),
 )
 def test_loads_by_expressions(name):
     made = robot(tube("inner", [ctr.Straight(0.1), ctr.Arc(0.1, 6.0)]), tube("outer", ctr.Arc(0.12, [4.0, 1.0, 0.5])))
@@ -223,7 +229,7 @@ def test_an_arc_by_castigliano():
 # -- symmetry ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", some_slow([1, 2], [1]))
 def test_compliance_is_symmetric_under_conservative_loads(seed):
     rng = np.random.default_rng(seed)
     n = 1 + seed % 4
@@ -315,7 +321,7 @@ def random_kinks(seed):
     return n, robot(*tubes), ctr.Actuation(rng.uniform(-2.0, 2.0, n), beta), loads
 
 
-@pytest.mark.parametrize("seed", [1, 2, 5])
+@pytest.mark.parametrize("seed", some_slow([1, 2, 5], [1]))
 def test_kinks_of_random_robots(seed):
     n, made, actuation, loads = random_kinks(seed)
     solved = ctr.ForwardProblem(made, tolerance=TIGHT).solve(actuation, loads)
@@ -374,7 +380,7 @@ def test_side_of_a_load_that_meets_a_tube_end():
 # -- second derivatives ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("of", ["tip_pose", "energy"])
+@pytest.mark.parametrize("of", some_slow(["tip_pose", "energy"], ["tip_pose"]))
 def test_second_derivatives(of):
     _, n, made, actuation, loads = problem_of(1)
     solved = ctr.ForwardProblem(made, tolerance=TIGHT).solve(actuation, loads)

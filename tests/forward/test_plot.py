@@ -18,6 +18,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 import ctr_opt as ctr
 from ctr_opt.files.figures import save_figure
 from ctr_opt.forward.plot import figure_equilibrium, plot_equilibrium
+from tests.support.slow import some_slow
 
 PUSH = ctr.PointWrench(force=[0.2, 0.3, -0.2])
 OUTER_END = 0.1
@@ -91,17 +92,23 @@ def assert_true_aspect(axes):
     np.testing.assert_allclose(ratio, ratio[0], rtol=1e-12)
 
 
-def test_tubes_have_their_real_diameters_and_lengths(draw, free):
+def test_tubes_have_their_real_diameters_where_they_are_outermost(draw, free):
+    """None is drawn inside another, where it would shine through."""
     surfaces = draw(free)
     assert len(surfaces) == 2
-    for i, points in enumerate(surfaces):
-        s = np.append(
-            free.arc_length[free.arc_length < free.configuration.tube_ends[i]], free.configuration.tube_ends[i]
-        )
-        away = points - 1e3 * free.position(s).T[:, :, None]
+    inner, outer = free.configuration.tube_ends
+    assert inner > outer
+    for i, (start, end) in enumerate(((outer, inner), (0.0, outer))):
+        s = np.concatenate(([start], free.arc_length[(free.arc_length > start) & (free.arc_length < end)], [end]))
+        away = surfaces[i] - 1e3 * free.position(s).T[:, :, None]
         np.testing.assert_allclose(np.linalg.norm(away, axis=0), 500.0 * free.robot.tubes[i].outer_diameter, rtol=1e-9)
         tangents = free.pose(s)[:, :3, 2]
         np.testing.assert_allclose(np.einsum("cka,kc->ka", away, tangents), 0.0, atol=1e-9)
+
+
+def test_a_tube_that_is_nowhere_seen_stands_in_the_legend(draw, axes, problem):
+    flush = problem.solve(ctr.Actuation([0.0, 0.0], [-tube.length + 0.05 for tube in problem.robot.tubes]))
+    assert len(draw(flush)) == 1
 
 
 def test_legend_names_the_tubes_once_in_their_own_colors(axes, free, pushed):
@@ -214,7 +221,7 @@ def test_panels_show_both_limits_at_a_tube_end(pushed, free):
     np.testing.assert_allclose(ends, 1e3 * OUTER_END)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+@pytest.mark.parametrize("suffix", some_slow([".png", ".pdf", ".svg"], [".png", ".svg"]))
 def test_save(tmp_path, pushed, free, suffix):
     path = tmp_path / f"shape{suffix}"
     path.write_text("old")

@@ -17,6 +17,7 @@ from ctr_opt.native.compiler import SWITCH
 from ctr_opt.robot.actuation import joints_of
 from tests.support.physics import robot as made
 from tests.support.physics import tube
+from tests.support.slow import some_slow
 
 TOLERANCE, ANGLE = 1e-6, 1e-4  # the defaults: m, rad
 ROBOT_B = "problems/three_tubes/robot_b.toml"
@@ -46,8 +47,13 @@ def circle(center, radius, count):
 # -- targets -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("loaded", [False, True])
-@pytest.mark.parametrize("name", ["A", "B", "RJW-S1"])
+@pytest.mark.parametrize(
+    ("name", "loaded"),
+    some_slow(
+        [(name, loaded) for loaded in (False, True) for name in ("A", "B", "RJW-S1")],
+        [("A", False), ("B", True), ("RJW-S1", False)],
+    ),
+)
 def test_positions_are_reached_from_home_as_claimed(name, loaded):
     bench = Bench.of(name, loaded)
     allowed = Allowed.of(bench.problem.robot, ctr.JointLimits())
@@ -62,8 +68,10 @@ def test_positions_are_reached_from_home_as_claimed(name, loaded):
         assert position < TOLERANCE
 
 
-@pytest.mark.parametrize("kind", ["axis", "pose"])
-@pytest.mark.parametrize("name", ["A", "B"])
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    some_slow([("A", "axis"), ("A", "pose"), ("B", "axis"), ("B", "pose")], [("A", "axis"), ("B", "pose")]),
+)
 def test_axes_and_poses_are_reached(name, kind):
     bench = Bench.of(name, loaded=True)
     record = Record()

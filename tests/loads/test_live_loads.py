@@ -199,6 +199,7 @@ def test_a_wall_that_is_not_reached_does_nothing():
     np.testing.assert_allclose(beside.tip_position, free.tip_position, atol=1e-9 * L)
 
 
+@pytest.mark.slow
 def test_energy_and_equilibrium_agree_on_random_robots_with_springs():
     for seed in range(4):
         rng = np.random.default_rng(700 + seed)

@@ -19,6 +19,7 @@ from ctr_opt.native import cache as library_cache
 from ctr_opt.native import compile as compilation
 from ctr_opt.native import compiler as compilers
 from ctr_opt.native.compile import Build, Source, compiler, load
+from tests.support.slow import some_slow
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the compilers are shell scripts")
 
@@ -158,6 +159,7 @@ def test_a_second_process_does_not_compile(calls):
     assert len(calls) == COMPILED
 
 
+@pytest.mark.slow
 def test_of_eight_processes_at_once_one_compiles(calls):
     calls.does("sleep 0.3")
     running = [spawned(PRINT, answer(42)) for _ in range(8)]
@@ -230,7 +232,7 @@ DAMAGE = [
 ]
 
 
-@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("damage", some_slow(DAMAGE, [flip, unrecorded, link]))
 def test_a_damaged_entry_is_rebuilt(cache, calls, damage):
     other_process(answer(42))
     (library,) = libraries(cache)
@@ -277,7 +279,7 @@ load("answer", sys.argv[1])
 """
 
 
-@pytest.mark.parametrize("at", [0, 1, 2, 3])
+@pytest.mark.parametrize("at", some_slow([0, 1, 2, 3], [1]))
 def test_a_process_killed_while_writing_leaves_nothing_that_is_loaded(cache, calls, at):
     """Before the library is written, before it has its name, and the same of the record."""
     finished(spawned(KILLED_AT, answer(42), at), -signal.SIGKILL)

@@ -18,6 +18,7 @@ from ctr_opt.native.generate import library_source, origin
 from ctr_opt.transcription.shooting import Shooting
 from tests.support.physics import held, random_problem, random_robot, rod, tube
 from tests.support.physics import robot as robot_of
+from tests.support.slow import some_slow
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 
@@ -46,7 +47,7 @@ def random_case(rng, n, **options):
     return robot, actuation, constant(loads)
 
 
-@pytest.mark.parametrize("tubes", [1, 2, 3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tubes", some_slow([1, 2, 3, 4], [1, 2, 3]))
 def test_cold_answers_are_those_of_the_virtual_machine(tubes):
     """The answers differ by what 1e-9 of the length, and 1e-10 in the tip conditions, moves the shape."""
     rng = np.random.default_rng(100 + tubes)
@@ -70,7 +71,7 @@ def test_cold_answers_are_those_of_the_virtual_machine(tubes):
     assert used >= 4  # the others meet folds on the way
 
 
-@pytest.mark.parametrize("tubes", [1, 2, 3, 4])
+@pytest.mark.parametrize("tubes", some_slow([1, 2, 3, 4], [1, 2, 3]))
 def test_meshes_are_those_of_the_virtual_machine(tubes):
     rng = np.random.default_rng(200 + tubes)
     for _ in range(10):
@@ -96,7 +97,7 @@ def test_states_along_the_backbone_are_those_of_the_virtual_machine():
         np.testing.assert_allclose(result.shape.nodes.left, nodes.left, atol=1e-10)
 
 
-@pytest.mark.parametrize("tubes", [1, 3])
+@pytest.mark.parametrize("tubes", some_slow([1, 3], [1]))
 def test_body_loads_and_weights(tubes):
     rng = np.random.default_rng(300 + tubes)
     robot = random_robot(rng, tubes)

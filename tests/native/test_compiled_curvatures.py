@@ -12,6 +12,7 @@ from ctr_opt.robot.names import parameters
 from tests.support.both_models import NUMBERS, pushed, same, told_by_both
 from tests.support.estimated import actuations, arc_length, estimation, fibre, flat, off_by, small_robot, solve
 from tests.support.perturbed import TIGHT, central, changed
+from tests.support.slow import some_slow
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 
@@ -37,7 +38,7 @@ def predicted(robot, actuation, loads, wanted, places, z):
     return told_by_both(robot, actuation, loads, wanted, measured, z)
 
 
-@pytest.mark.parametrize(("tubes", "body"), [(1, False), pytest.param(3, False, marks=pytest.mark.slow), (2, True)])
+@pytest.mark.parametrize(("tubes", "body"), some_slow([(1, False), (3, False), (2, True)], [(1, False)]))
 def test_both_models_tell_the_same(tubes, body):
     """At the entry, at loads and where they begin and end, at break points, ends and the tip; away from equilibrium."""
     robot, rng = small_robot(tubes), np.random.default_rng(tubes)
@@ -147,7 +148,7 @@ def test_a_contact_somewhere():
     np.testing.assert_allclose(found.force[:2], push.force[:2], atol=1e-4)
 
 
-@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "virtual machine"])
+@pytest.mark.parametrize("compiled", some_slow([True, False], [True]), ids=["compiled", "virtual machine"])
 def test_a_calibration(compiled):
     """Of stiffness, precurvature, homes and base by fibres and tips, exact: 1e-6 of the values."""
     robot, rng, data = small_robot(2), np.random.default_rng(3), []

@@ -13,6 +13,7 @@ from ctr_opt.robot.names import parameters
 from tests.support.both_models import NUMBERS, pushed, same, told_by_both
 from tests.support.estimated import actuations, experiments, flat, off_by, small_robot, solve
 from tests.support.perturbed import TIGHT, central, changed
+from tests.support.slow import some_slow
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 
@@ -37,7 +38,9 @@ def riding(tubes):
     return [ctr.DistributedLoad(*density, 0.01, tube=tubes - 1, frame=frame) for frame in ("world", "body")]
 
 
-@pytest.mark.parametrize(("tubes", "body"), [(1, False), (2, False), (3, False), (2, True)])
+@pytest.mark.parametrize(
+    ("tubes", "body"), some_slow([(1, False), (2, False), (3, False), (2, True)], [(1, False), (2, True)])
+)
 def test_both_models_tell_the_same(tubes, body):
     """Away from equilibrium, by numbers of loads, robot and actuation, and the base's place where a potential falls."""
     robot, rng = of_arcs(tubes), np.random.default_rng(tubes)
@@ -70,6 +73,7 @@ def test_break_points_that_coincide():
     same(*told_by_both(robot, flush, loads, (names, ["rotations", "tubes[2].outer_diameter"]), forces(3), z))
 
 
+@pytest.mark.slow
 def test_slopes_are_differences_of_equilibria():
     """Each number moved on its own, the robot in equilibrium again: solves to 1e-11 leave 1e-6 of the largest."""
     robot, rng = of_arcs(2), np.random.default_rng(5)

@@ -142,6 +142,7 @@ def replaced(path, old, new):
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 def test_what_is_compiled_decides_what_is_compiled_again(tmp_path):
     """A docstring does not, a formula and a header do."""
@@ -199,3 +200,11 @@ def test_a_note_that_is_none_is_written_again(tmp_path, monkeypatch, damage):
     assert load("answer", Source(source, "of-an-answer")).answer() == 42
     assert note.read_text() == whole
     assert re.fullmatch(r"key of-an-answer\nnote [0-9a-f]{64}\n", whole)
+
+
+def test_comments_of_headers_are_left_out():
+    """They are no part of what is compiled: another comment costs nobody a compilation."""
+    text = generate._header("layout.h", DEAD)
+    assert "/*" in generate._read("layout.h")
+    assert "/*" not in text
+    assert "lay_out" in text

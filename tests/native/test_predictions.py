@@ -13,6 +13,7 @@ from ctr_opt.native.predictions import Predictions, supported
 from ctr_opt.robot.names import parameters
 from tests.support.perturbed import TIGHT, central, changed, pose_vector
 from tests.support.physics import held, random_problem, robot, rod, tube, tube_ends
+from tests.support.slow import some_slow
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 
@@ -82,7 +83,7 @@ def tangent(result, i, ends):
 CASES = [(0, False), (1, False), (2, False), (0, True), (1, True)]  # seeds, and whether with body loads
 
 
-@pytest.mark.parametrize(("seed", "body"), CASES)
+@pytest.mark.parametrize(("seed", "body"), some_slow(CASES, [(0, True)]))
 def test_derivatives_at_equilibria_are_sensitivities(seed, body):
     _, made, actuation, loads, probes = case(seed, 1 + seed % 3, body)
     result = ctr.ForwardProblem(made, tolerance=TIGHT).solve(actuation, loads)

@@ -16,8 +16,9 @@ from ctr_opt.forward.compiled import CompiledRecord
 from ctr_opt.layout.ends import Ends
 from ctr_opt.robot.names import parameters
 from tests.support.centimetres import PM, case, metres
+from tests.support.slow import some_slow
 
-COMPILED = pytest.mark.parametrize("compiled", [False, True], ids=["virtual machine", "compiled"])
+WAYS = {False: "virtual machine", True: "compiled"}
 TOLERANCE = 1e-10  # of a solve: positions over the length
 STEP = 2e-5  # rad, m: of differences
 
@@ -174,7 +175,7 @@ def measured(given, shape):
     return seen
 
 
-@pytest.mark.parametrize("index", [0, 2, 10, 31])
+@pytest.mark.parametrize("index", some_slow([0, 2, 10, 31], [0, 2]))
 def test_predictions_of_all_models(index):
     """What shapes show, to 1e-7 (curvatures, of 10/m, to 1e-6); slopes to 1e-6 of the largest; forces of one order."""
     given = case(index)
@@ -247,7 +248,7 @@ def experiments(offset, seen):
     return given.robot, made
 
 
-@COMPILED
+@pytest.mark.parametrize("compiled", some_slow(list(WAYS), [True]), ids=WAYS.get)
 def test_nothing_is_left_at_the_true_parameters(compiled):
     """But for the errors of solves, in 1/m, rad and m. Translations are unknown, too, and part what coincides."""
     names = ["tubes[0].translation_offset", "tubes[0].bending_stiffness"]
@@ -256,15 +257,21 @@ def test_nothing_is_left_at_the_true_parameters(compiled):
         close(residual.value, 0.0, 2e-6)
 
 
-@COMPILED
+@pytest.mark.parametrize("compiled", some_slow(list(WAYS), [True]), ids=WAYS.get)
 def test_an_offset_is_found_though_measurements_are_where_the_tube_was_read_to_end(compiled):
     """What is measured there stays on that tube; 0.1 mm to 1e-9 m."""
     fit = ctr.CalibrationProblem(*experiments(1e-4, poses), ["tubes[0].translation_offset"], compiled=compiled).solve()
     close(fit.values["tubes[0].translation_offset"], 1e-4, 1e-9)
 
 
-@COMPILED
-@pytest.mark.parametrize("index", [1, 3])
+@pytest.mark.parametrize(
+    ("index", "compiled"),
+    [
+        *(pytest.param(1, False), pytest.param(3, False, marks=pytest.mark.slow)),
+        *(pytest.param(1, True), pytest.param(3, True)),
+    ],
+    ids=lambda value: WAYS[value] if isinstance(value, bool) else str(value),
+)
 def test_forces_from_what_a_robot_shows(index, compiled):
     """The force that acts, whatever model explains the measurements, to 1e-5 of it."""
     given = case(index)

@@ -21,6 +21,7 @@ from ctr_opt.transcription.shooting import Shooting, cut
 from ctr_opt.transcription.stability import MARGIN, count, second_variation
 from tests.support.by_energy import MOST, energy_inertia, hessian_by_differences
 from tests.support.physics import data, held, random_pose, random_problem, robot, rod, tube
+from tests.support.slow import some_slow
 
 L, EI, GJ = 0.1, 0.02, 0.015
 EULER = np.pi**2 / 4 * EI / L**2
@@ -144,7 +145,7 @@ def soft(seed, rng):
     return Configuration(robot(*tubes, base_pose=random_pose(rng)), actuation, loads)
 
 
-@pytest.mark.parametrize("seeds", [range(0, 6), range(6, 12)])
+@pytest.mark.parametrize("seeds", some_slow([range(0, 6), range(6, 12)], [range(6, 12)]))
 def test_the_energys_reduced_hessian_agrees(seeds):
     counts = Counter()
     for seed in seeds:
@@ -158,7 +159,7 @@ def test_the_energys_reduced_hessian_agrees(seeds):
     assert len(counts) >= 3, counts
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", some_slow(range(2), [0]))
 def test_live_potentials_agree_with_the_energy(seed):
     """Wells and hills along the robot and at a point."""
     rng, p = np.random.default_rng(seed), ca.SX.sym("p", 3)

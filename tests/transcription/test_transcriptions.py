@@ -13,6 +13,7 @@ from ctr_opt.transcription.energy import EnergyProblem
 from ctr_opt.transcription.equilibrium_program import EquilibriumProblem
 from ctr_opt.transcription.shooting import Shooting
 from tests.support.physics import random_problem, robot, tube
+from tests.support.slow import some_slow
 
 FORCES = [ctr.PointWrench([0.3, 0.5, -0.4]), ctr.DistributedLoad([3.0, -2.0, 1.0], tube=1)]
 REST = [
@@ -88,13 +89,27 @@ for problem in (EquilibriumProblem, EnergyProblem):
         CASES += [(problem, ctr.Collocation(d, "radau"), "RK8", 2 * d - 1, (4, 8, 16) if d < 4 else (1, 2, 4, 8))]
 
 
-@pytest.mark.parametrize("make", [smooth, stepped])
+QUICK = [  # every scheme once
+    (Shooting, None, "RK4", stepped),
+    (Shooting, None, "RK5", smooth),
+    (Shooting, None, "RK8", stepped),
+    (EquilibriumProblem, ctr.MultipleShooting(), "RK4", smooth),
+    (EquilibriumProblem, ctr.Collocation(2), "RK8", smooth),
+    (EquilibriumProblem, ctr.Collocation(1, "radau"), "RK8", stepped),
+    (EnergyProblem, ctr.MultipleShooting(), "RK5", smooth),
+    (EnergyProblem, ctr.MultipleShooting(degree=2), "RK8", smooth),
+    (EnergyProblem, ctr.Collocation(3), "RK8", stepped),
+    (EnergyProblem, ctr.Collocation(4, "radau"), "RK8", smooth),
+]
+ALL = [(*case, make) for make in (smooth, stepped) for case in CASES]
+
+
 @pytest.mark.parametrize(
-    ("problem", "transcription", "integrator", "order", "parts"),
-    CASES,
+    ("problem", "transcription", "integrator", "order", "parts", "make"),
+    some_slow(ALL, [case for case in ALL if (*case[:3], case[-1]) in QUICK]),
     ids=lambda value: getattr(value, "__name__", str(value)),
 )
-def test_observed_order(make, problem, transcription, integrator, order, parts):
+def test_observed_order(problem, transcription, integrator, order, parts, make):
     loads = FORCES if problem is EnergyProblem else FORCES + REST
     errors = tips(make, loads, transcription, integrator, problem, parts)
     errors = errors[errors > 3e-11]  # IPOPT's tolerance is 1e-10, that of the exact answer 1e-11
@@ -117,7 +132,7 @@ def largest_error(shape, exact):
     return np.linalg.norm(shape.position(exact.arc_length) - exact.position(exact.arc_length), axis=1).max()
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", some_slow(range(6), [0, 1, 4]))
 def test_formulations_and_transcriptions_agree(seed):
     rng = np.random.default_rng(300 + seed)
     # Gently bent, so that there is one equilibrium only.

@@ -15,8 +15,9 @@ from .kind import Measurement, Part, six, vector_sigma
 
 
 def _sigma(value: Any) -> Any:
-    """Standard deviations of six components, from a pair of force and moment."""
-    return six(*value) if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 2 else value
+    """Standard deviations of six components, from a pair of force and moment; a covariance stays as it is."""
+    pair = isinstance(value, (list, tuple, np.ndarray)) and len(value) == 2
+    return six(*value) if pair and all(np.ndim(part) < 2 for part in value) else value
 
 
 @attrs.frozen(eq=False, slots=False)

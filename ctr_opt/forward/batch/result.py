@@ -38,6 +38,7 @@ class Batch(Sequence[Equilibrium]):
     def __init__(self, results: Sequence[Equilibrium], snapped: NDArray[np.bool_] | None = None) -> None:
         self._results = results
         self.snapped = np.zeros(len(results), dtype=bool) if snapped is None else snapped
+        self.snapped.setflags(write=False)
 
     def __len__(self) -> int:
         return len(self._results)

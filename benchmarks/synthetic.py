@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import array
-from ..errors import DefinitionError
-from ..forward.equilibrium import Equilibrium
-from ..forward.problem import ForwardProblem
-from ..layout.observables import Place, arc_length_of
-from ..loads.kind import Load
-from ..robot.actuation import Actuation
-from ..robot.robot import Robot
-from .experiment import Experiment
-from .measurements import Measurement, PositionMeasurement, TangentMeasurement
-from .sensors import Mounting
+from ctr_opt.checks import array
+from ctr_opt.errors import DefinitionError
+from ctr_opt.estimation.experiment import Experiment
+from ctr_opt.estimation.measurements import Measurement, PositionMeasurement, TangentMeasurement
+from ctr_opt.estimation.sensors import Mounting
+from ctr_opt.forward.equilibrium import Equilibrium
+from ctr_opt.forward.problem import ForwardProblem
+from ctr_opt.layout.observables import Place, arc_length_of
+from ctr_opt.loads.kind import Load
+from ctr_opt.robot.actuation import Actuation
+from ctr_opt.robot.robot import Robot
 
 
 def synthetic_experiments(
