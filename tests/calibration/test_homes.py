@@ -119,7 +119,7 @@ def test_other_experiments_are_given_as_they_are_read(fit):
     read = fit.estimation.experiments[0]
     added = attrs.evolve(read, actuation=fit.actuation(read.actuation.rotations, read.actuation.translations))
     assert max(each.distance for each in fit.tested([read]).residuals) < 1e-6
-    with pytest.raises(ctr.DefinitionError, match=r"experiments\[1\].*as read"):
+    with pytest.raises(ctr.DefinitionError, match=r"experiments\[1\].*joint readings"):
         fit.tested([read, added])
 
 
