@@ -1,4 +1,4 @@
-"""How fast, how exact: prints one table, how times grow and memory, and draws error against time.
+"""Measure speed and accuracy: print a table of times, their growth and memory, and draw error against time.
 
 See docs/evidence/performance.md.
 """
@@ -29,7 +29,7 @@ FIGURE = ROOT / "docs" / "figures" / "transcriptions.png"
 
 @attrs.frozen
 class Plan:
-    """What to measure: robots A and B under which loads, nested ones of which tube counts, the steps of the figure."""
+    """Plan of measurements: loads of robots A and B, tube counts of nested robots, steps of the figure."""
 
     effort: Effort
     three_tubes: tuple[tuple[str, str], ...]
@@ -46,7 +46,7 @@ FEW = 5  # neighbours of nested robots at most
 
 
 def measured(work, effort, methods=None):
-    """A row for each kind of work that any mode does; for each neighbour all modes take turns."""
+    """Measure one row per kind of work that any mode does; for each neighbour all modes take turns."""
     modes = [*REFERENCES, *MODES]
     names = dict.fromkeys(name for mode in modes for name in mode.prepare if methods is None or name in methods)
     for name in names:

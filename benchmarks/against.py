@@ -1,8 +1,8 @@
-"""Is this tree slower than another one? Both do the same work in turns, in one run, each in a process of its own.
+"""Is this tree slower than another checkout? Both do the same work in turns, in one run, each in a separate process.
 
-``python -m benchmarks.against PATH``: PATH is another checkout, as ``git worktree add`` makes one. Prints the median of
-the paired ratios of times, this tree over the other one, and the quartiles of the ratios. Rows whose quartiles hold 1
-are equal within their spread.
+``python -m benchmarks.against PATH``: PATH is another checkout, for example one made by ``git worktree add``. The
+output is the median of the paired ratios of times, this tree over the other, and the quartiles of the ratios. Rows
+whose quartiles enclose 1 are equal within their spread.
 """
 
 import argparse
@@ -123,7 +123,7 @@ class Tree:
         self.process.wait()
 
     def seconds(self, name):
-        """Of the fastest call of a piece of work."""
+        """Seconds of the fastest call of a piece of work."""
         print(name, file=self.process.stdin, flush=True)
         return json.loads(self.process.stdout.readline())
 

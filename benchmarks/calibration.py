@@ -1,9 +1,9 @@
 """Calibration against Nelder and Mead's method, and how its time and memory grow: ``python -m benchmarks.calibration``.
 
 The paper's problem on synthetic data: four stiffnesses and the base's pose from eighty shapes, by the sum of distances.
-The paper used Nelder and Mead's method; here it is SciPy's, adaptive, in scaled parameters, from a simplex of 5 %, on
-this package's own compiled forward solves, each from the equilibrium before. It is timed until it comes within 0.1 %
-of the least objective known, or 20,000 evaluations.
+The paper used Nelder and Mead's method. Here it is SciPy's adaptive version in scaled parameters, from a simplex of
+5 %. It uses this package's compiled forward solves, each from the previous equilibrium. It is timed until it comes
+within 0.1 % of the least known objective, or for 20,000 evaluations.
 """
 
 import argparse
@@ -27,7 +27,7 @@ SCALES = {"base.translation": 0.02, "base.rotation": 0.2}  # m, rad: 5 % of them
 
 
 class Objective:
-    """The sum of distances by forward solves, as fast as we know."""
+    """The sum of distances by forward solves, as fast as we could make it."""
 
     def __init__(self, estimation):
         self.estimation = estimation
@@ -109,7 +109,7 @@ def compare(given, repeats):
 
 
 def growth(given, counts):
-    """Seconds of a fit and MB resident after it, for so many experiments."""
+    """Seconds of a fit and MB resident after it, for this number of experiments."""
     for count in counts:
         experiments = [given.experiments[k % len(given.experiments)] for k in range(count)]
         seconds, iterations, _ = ours(given, "simultaneous", experiments)
@@ -123,11 +123,12 @@ def main():
     given = load_calibration(FILE)
     rows, least = compare(given, 5)
     first = rows["simultaneous"][0]
-    print("| method | time | iterations or evaluations | objective over the least | time over simultaneous |")
+    head = ("method", "time", "iterations or evaluations", "relative excess of the objective")
+    print(f"| {' | '.join(head)} | time relative to simultaneous |")
     print("| --- | ---: | ---: | ---: | ---: |")
     for name, (seconds, count, objective) in rows.items():
         print(f"| {name} | {seconds:.3f} s | {count} | {objective / least - 1.0:.1e} | {seconds / first:.1f} |")
-    print("\n| experiments | time | iterations | time an experiment and iteration | most memory |")
+    print("\n| experiments | time | iterations | time per experiment and iteration | peak memory |")
     print("| ---: | ---: | ---: | ---: | ---: |")
     counts = [c for c in (80, 320, 1280, 5120) if c <= given_arguments.most]
     for count, seconds, iterations, memory in growth(given, counts):

@@ -1,4 +1,4 @@
-"""Makes the synthetic data of a calibration anew from its ``[truth]``: ``python -m benchmarks.calibration_data``."""
+"""Generate the synthetic data of a calibration from its ``[truth]``: ``python -m benchmarks.calibration_data``."""
 
 import argparse
 from pathlib import Path

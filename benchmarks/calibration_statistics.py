@@ -1,9 +1,9 @@
-"""Do a calibration's errors hold? ``python -m benchmarks.calibration_statistics``.
+"""Are a calibration's standard errors right? ``python -m benchmarks.calibration_statistics``.
 
-The results stand in docs/evidence/calibration_statistics.md.
+The results are in docs/evidence/calibration_statistics.md.
 
-The problem of problems/rjw_s1/calibration.toml without its outlier: the true shapes are solved once, every repetition
-draws new noise, seeded by its number, and fits from nominal parameters.
+The problem is that of problems/rjw_s1/calibration.toml without its outlier. The true shapes are solved once. Every
+repetition draws new noise, seeded by its number, and fits from nominal parameters.
 """
 
 import argparse
@@ -29,7 +29,7 @@ BAND = 0.999  # probability of the bands
 
 @attrs.frozen(eq=False)
 class Repetitions:
-    """What the fits found: ``errors`` and told ``deviations (repetitions, numbers)``, and the bound on the latter."""
+    """Results of the fits: ``errors`` and reported ``deviations (repetitions, numbers)``, and the bound on them."""
 
     labels: list
     bound: np.ndarray
@@ -41,7 +41,7 @@ class Repetitions:
 
     @property
     def coverage(self):
-        """Share of the intervals that hold the truth, for each number."""
+        """Share of the intervals that contain the truth, for each number."""
         return (np.abs(self.errors) < norm.ppf(0.5 + 0.5 * LEVEL) * self.deviations).mean(axis=0)
 
     @property
@@ -56,34 +56,34 @@ class Repetitions:
 
 
 def central(distribution):
-    """The band in which a statistic with this distribution is, all but once in a thousand."""
+    """Band that contains a statistic of this distribution with a probability of 99.9 percent."""
     return distribution.ppf(0.5 - 0.5 * BAND), distribution.isf(0.5 - 0.5 * BAND)
 
 
 def at_truth(given):
-    """The parameters that the data are made with, beside the measurements: shapes, and information."""
+    """Evaluate the true parameters on the measurements: shapes, and information."""
     values = given.truth["values"]
     parameters = [ctr.Parameter(name, initial=values[name]) for name in given.parameters]
     return ctr.CalibrationProblem(given.robot, given.experiments, parameters, compiled=True).nominal()
 
 
 def seen(experiment, shape):
-    """Where the measured points truly are, ``(places, 3)``, m."""
+    """True positions of the measured points, ``(places, 3)``, m."""
     ends = Ends.of_robot(shape.robot, experiment.actuation.translations)
     return shape.position([arc_length_of(place, ends) for place in PLACES])
 
 
 def measured(experiments, exact, sigma, rng):
-    """The experiments, their points measured anew."""
+    """Measure the points of the experiments with new noise."""
     points = exact + sigma * rng.normal(size=exact.shape)
     return [
-        attrs.evolve(each, measurements=[ctr.PositionMeasurement(list(PLACES), own, sigma)])
-        for each, own in zip(experiments, points, strict=True)
+        attrs.evolve(experiment, measurements=[ctr.PositionMeasurement(list(PLACES), rows, sigma)])
+        for experiment, rows in zip(experiments, points, strict=True)
     ]
 
 
 def repeat(repetitions, loss="squared", seed=1):
-    """Fits to so many sets of noise."""
+    """Fit to this number of sets of noise."""
     given = load_calibration(FILE)
     truth = at_truth(given)
     exact = np.array([seen(*pair) for pair in zip(given.experiments, truth.equilibria, strict=True)])
@@ -112,14 +112,14 @@ def table(found):
 
 
 def joint(found):
-    """A line on all numbers together."""
+    """Summarize all numbers together in a line."""
     count, numbers = found.errors.shape
     low, high = central(chi2(numbers * count))
     return f"joint NEES: {found.nees.mean():.3f}, 99.9 % band {low / count:.3f} to {high / count:.3f}"
 
 
 def rejections(found):
-    """Lines on the residuals' chi-square."""
+    """Summarize the residuals' chi-square in lines."""
     count = len(found.p_values)
     for level in (1.0 - LEVEL, REJECTED):
         low, high = central(binom(count, level))

@@ -1,4 +1,4 @@
-"""How long the first compilation on a machine takes."""
+"""Time of the first compilation on a machine."""
 
 import tempfile
 from pathlib import Path
@@ -10,7 +10,7 @@ from ctr_opt.native.generate import library_source
 
 
 def line(tubes):
-    """What to print: seconds for writing the code and for compiling it; nothing of it is kept."""
+    """Report the seconds for writing the code and for compiling it; nothing of it is kept."""
     begin = perf_counter()
     source = library_source(tubes, DEAD)
     written = perf_counter()

@@ -1,7 +1,7 @@
-"""Do the sets of a contact's place hold? ``python -m benchmarks.contact_location``; see docs/how_to/contacts.md.
+"""Do the sets of a contact's place contain it? ``python -m benchmarks.contact_location``; see docs/how_to/contacts.md.
 
-Robots A and B of problems/three_tubes and RJW-S1, pressed at places and by forces that are drawn anew every time, and
-seen at twelve points along the backbone.
+Robots A and B of problems/three_tubes and RJW-S1 are pressed at random places by random forces, new in every trial, and
+measured at twelve points along the backbone.
 """
 
 import argparse
@@ -20,7 +20,7 @@ SIZES = 0.5, 2.0  # of the force, times the bending stiffness over the squared a
 
 @attrs.frozen
 class Pressed:
-    """A contact, and what the search made of it."""
+    """A contact, and the result of the search for it."""
 
     arc_length: float
     found: float
@@ -57,7 +57,7 @@ def press(robot, free, actuation, rng):
 
 
 def trials(robot, actuation, count, seed=1):
-    """So many contacts, found from noisy points."""
+    """Estimate this number of contacts from noisy points."""
     free = ctr.ForwardProblem(robot, compiled=True).solve(actuation)
     problem = ctr.ForceEstimationProblem(robot, ctr.PointForce(), compiled=True)
     places = np.linspace(0.1, 1.0, POINTS) * free.length
@@ -72,7 +72,7 @@ def trials(robot, actuation, count, seed=1):
 
 
 def row(name, found):
-    """Of a table in Markdown."""
+    """Format a row of the table in Markdown."""
     covered = np.mean([each.covered for each in found])
     length = np.median([sum(end - start for start, end in each.sets) for each in found])
     parted = np.mean([len(each.sets) > 1 for each in found])
@@ -85,7 +85,8 @@ def main():
     parser.add_argument("--trials", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    print("| robot | sets that hold the place | median length | in several intervals | median error of the estimate |")
+    head = ("robot", "sets that contain the place", "median length of the set", "in several intervals")
+    print(f"| {' | '.join(head)} | median error of the estimate |")
     print("| --- | ---: | ---: | ---: | ---: |")
     for name, (robot, actuation) in robots().items():
         begin = perf_counter()

@@ -1,6 +1,6 @@
-"""How long do contacts and distributed forces take, counted in warm forward solves of the same robot?
+"""How long do contacts and distributed forces take, relative to warm forward solves of the same robot?
 
-Run: ``python -m benchmarks.contact_time``, or ``--seconds 1``. From nothing, as nothing is known of them before.
+Run: ``python -m benchmarks.contact_time``, or ``--seconds 1``. Estimates start without an initial guess.
 """
 
 import argparse
@@ -22,7 +22,7 @@ PRIOR = 10.0  # standard deviation of densities, in the same unit
 
 
 def seconds(name, effort):
-    """Of a warm forward solve, of a contact's place and force, and of a distributed force, by name."""
+    """Seconds of a warm forward solve, a contact's place and force, and a distributed force, by name."""
     work = three_tubes(name, "none", 1)
     robot, actuation, free = work.robot, work.actuation, work.start
     stiffness, rng = robot.tubes[0].bending_stiffness, np.random.default_rng(SEED)
@@ -51,7 +51,7 @@ def seconds(name, effort):
 
 def lines(effort):
     """A table: times, and ratios to the warm forward solve."""
-    yield "| robot | work | time | over a warm forward solve |"
+    yield "| robot | task | time | relative to a warm forward solve |"
     yield "| --- | --- | ---: | ---: |"
     for name in "AB":
         found = seconds(name, effort)

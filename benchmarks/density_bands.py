@@ -1,7 +1,8 @@
-"""Do the bands of distributed forces hold? ``python -m benchmarks.density_bands``; see docs/how_to/contacts.md.
+"""Do the bands of distributed forces contain them? ``python -m benchmarks.density_bands``; see docs/how_to/contacts.md.
 
-Robots A and B of problems/three_tubes and RJW-S1 under smooth forces per length that are drawn anew every time, seen at
-thirty points along the backbone. Units of a density: bending stiffness of the innermost tube over the cubed length.
+Robots A and B of problems/three_tubes and RJW-S1 are under random smooth forces per length, new in every trial, and are
+measured at thirty points along the backbone. The unit of a density is the innermost tube's bending stiffness over the
+cubed length.
 """
 
 import argparse
@@ -32,7 +33,7 @@ class Trial:
 
 
 def bump(fractions, rng):
-    """A soft contact: one bump, across the backbone more or less."""
+    """A soft contact: one bump, roughly across the backbone."""
     middle, width = rng.uniform(0.3, 0.95), rng.uniform(*WIDTHS)
     direction = rng.normal(size=3) * [1.0, 1.0, 0.2]
     return np.exp(-0.5 * ((fractions - middle) / width) ** 2)[:, None] * direction / np.linalg.norm(direction)
@@ -65,7 +66,7 @@ def press(robot, actuation, free, kind, rng):
 
 
 def trials(robot, actuation, kind, count, seed=1):
-    """So many densities, found from noisy points."""
+    """Estimate this number of densities from noisy points."""
     free = ctr.ForwardProblem(robot, compiled=True).solve(actuation)
     unit = robot.tubes[0].bending_stiffness / free.length**3
     problem = ctr.ForceEstimationProblem(robot, ctr.DistributedForce(prior=(0.0, PRIOR * unit)), compiled=True)
@@ -86,7 +87,7 @@ def trials(robot, actuation, kind, count, seed=1):
 
 
 def row(name, kind, found):
-    """Of a table in Markdown."""
+    """Format a row of the table in Markdown."""
     inside = np.array([each.inside for each in found])
     total = np.mean([each.total for each in found])
     worst = np.quantile(inside.mean(axis=1), 0.1)
@@ -99,7 +100,7 @@ def main():
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    print("| robot | density | inside along x | along y | along z | one trial in ten has less | total inside |")
+    print("| robot | density | inside along x | along y | along z | 10 % quantile | total inside |")
     print("| --- | --- | ---: | ---: | ---: | ---: | ---: |")
     for name, (robot, actuation) in robots().items():
         for kind in DENSITIES:

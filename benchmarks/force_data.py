@@ -1,4 +1,4 @@
-"""Makes the synthetic data of force problems anew from their ``[truth]``: ``python -m benchmarks.force_data``."""
+"""Generate the synthetic data of force problems from their ``[truth]``: ``python -m benchmarks.force_data``."""
 
 import argparse
 import tomllib
@@ -17,7 +17,7 @@ PRESSED = 15.0, 0.11, 0.035, (0.8, 0.6, 0.0)  # N/m, m, m, direction of the dist
 
 
 def contents(file):
-    """What a problem's file says."""
+    """Read the contents of a problem's file."""
     from ctr_opt.files.described import read
     from ctr_opt.files.schemas import FORCE
 
@@ -25,7 +25,7 @@ def contents(file):
 
 
 def load_of(data, length):
-    """The load of a problem's truth, and for a distributed one arc lengths, m, and densities, N/m."""
+    """True load of a problem; for a distributed one also arc lengths, m, and densities, N/m."""
     truth = data["truth"]
     if "density" not in truth:
         place = truth.get("arc_length", data["unknown"][0].get("arc_length"))

@@ -1,8 +1,9 @@
-"""Do the errors of estimated forces hold, and is a wrong model noticed? See docs/evidence/force_statistics.md.
+"""Are the errors of estimated forces right, and are wrong models detected? See docs/evidence/force_statistics.md.
 
-``python -m benchmarks.force_statistics``: true shapes of three robots under a force or wrench at the tip, points along
-them with new noise in every trial, seeded by its number; where there is a prior, the truth is drawn from it. Robots
-with an error of the model are estimated by the model without it, at sizes found by 30, 60 and 90 % to first order.
+``python -m benchmarks.force_statistics``: true shapes of three robots under a force or wrench at the tip, and points
+along them with new noise in every trial, seeded by its number. With a prior, the truth is drawn from it. Robots with an
+error of the model are estimated by the model without it. The error's sizes are detected in 30, 60 and 90 % of the
+trials, to first order.
 """
 
 import argparse
@@ -30,7 +31,7 @@ KINDS = ("shift", "tilt", "curvature", "stiffness")
 
 @attrs.frozen
 class Regime:
-    """What is sought; the standard deviations of points, m, and of the prior, in characteristic forces and moments."""
+    """An unknown load; standard deviations of points, m, and of the prior, in characteristic forces and moments."""
 
     unknown: type
     sigma: float
@@ -46,7 +47,7 @@ REGIMES = {
 
 @attrs.frozen(eq=False)
 class Trials:
-    """What was found: ``errors (trials, numbers)``, the Cramer-Rao ``bound`` of each number, and by trial the rest."""
+    """Results: ``errors (trials, numbers)``, the Cramer-Rao ``bound`` of each number, and other results by trial."""
 
     bound: np.ndarray
     errors: np.ndarray
@@ -61,12 +62,12 @@ class Trials:
 
     @property
     def band(self):
-        """Of the mean of ``nees``, all but once in a thousand."""
+        """Range that contains the mean of ``nees`` with a probability of 99.9 percent."""
         return np.array(central(chi2(self.errors.size))) / len(self.errors)
 
     @property
     def rejected(self):
-        """The share that was not consistent."""
+        """Share of the estimates that are not consistent."""
         return np.mean(self.p_values < CONSISTENT)
 
 
@@ -89,9 +90,9 @@ class Wrong:
 class Study:
     """A robot and what is estimated."""
 
-    def __init__(self, sought, robot):
-        regime = REGIMES[sought]
-        self.stream = list(REGIMES).index(sought), list(ROBOTS).index(robot)
+    def __init__(self, setting, robot):
+        regime = REGIMES[setting]
+        self.stream = list(REGIMES).index(setting), list(ROBOTS).index(robot)
         given = ctr.load_problem(PROBLEMS / ROBOTS[robot])
         self.robot, self.actuation = given.robot, given.actuation
         length = max(tube.length + t for tube, t in zip(self.robot.tubes, self.actuation.translations, strict=True))
@@ -108,7 +109,7 @@ class Study:
         self.at_truth = self.problem.solve(self.actuation, self._measured(self.exact))
 
     def _seen(self, forward, truth):
-        """Where the points truly are."""
+        """True positions of the points."""
         moment = truth[3:] if len(truth) > 3 else np.zeros(3)
         return forward.solve(self.actuation, [ctr.PointWrench(truth[:3], moment)]).position(self.places)
 
@@ -116,11 +117,11 @@ class Study:
         return ctr.PositionMeasurement(self.places, points, self.sigma)
 
     def estimate(self, points):
-        """From measured points."""
+        """Estimate the load from measured points."""
         return self.problem.solve(self.actuation, self._measured(points), initial=self.at_truth)
 
     def trials(self, count, seed=1, truly=None, case=0):
-        """Estimates from new noise, that of a ``case``; the robot is ``truly`` another one than its model."""
+        """Estimate with new noise, seeded by a ``case``; ``truly`` is the real robot if it differs from the model."""
         forward = ctr.ForwardProblem(truly or self.robot, compiled=True)
         exact = self._seen(forward, self.mean)
         errors, nees, p_values = [], [], []
@@ -158,24 +159,24 @@ def row(*cells):
     return f"| {' | '.join(cells)} |"
 
 
-def of_errors(sought, robot, study, found):
+def of_errors(setting, robot, study, found):
     """A row of the first table."""
     worst = study.at_truth.axes[2].standard_deviation / study.unit[0]
     low, high = found.band
     ratios = found.efficiency
     nees = f"{found.nees.mean():.3f} ({low:.2f} to {high:.2f})"
     return row(
-        sought, robot, f"{worst:.1%}", f"{ratios.min():.3f} to {ratios.max():.3f}", nees, f"{found.rejected:.1%}"
+        setting, robot, f"{worst:.1%}", f"{ratios.min():.3f} to {ratios.max():.3f}", nees, f"{found.rejected:.1%}"
     )
 
 
-def of_wrong(sought, robot, wrong):
+def of_wrong(setting, robot, wrong):
     """A row of the second table, of the three sizes of an error."""
     factor, unit, digits = SHOWN[wrong[0].unit]
     sizes = " / ".join(f"{factor * each.size:.{digits}f}" for each in wrong)
     forces = " / ".join(f"{each.force:.2f}" for each in wrong)
     exact, measured = (" / ".join(f"{getattr(each, key):.1%}" for each in wrong) for key in ("exact", "measured"))
-    return row(sought, robot, wrong[0].description, f"{sizes} {unit}", forces, exact, measured)
+    return row(setting, robot, wrong[0].description, f"{sizes} {unit}", forces, exact, measured)
 
 
 def main():
@@ -185,17 +186,17 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     begin = perf_counter()
-    studies = {(sought, robot): Study(sought, robot) for sought in REGIMES for robot in ROBOTS}
-    print(row("sought", "robot", "largest sd", "RMSE / bound", "NEES (99.9 % band)", "false alarms"))
+    studies = {(setting, robot): Study(setting, robot) for setting in REGIMES for robot in ROBOTS}
+    print(row("estimated", "robot", "largest sd", "RMSE / bound", "NEES (99.9 % band)", "false alarms"))
     print(row("---", "---", *["---:"] * 4))
     for key, study in studies.items():
         print(of_errors(*key, study, study.trials(given.trials, given.seed)), flush=True)
     print()
-    print(row("sought", "robot", "error", "sizes", "force added", "exact", "measured"))
+    print(row("estimated", "robot", "error", "sizes", "force added", "exact", "measured"))
     print(row("---", "---", "---", *["---:"] * 4))
-    for (sought, robot), study in studies.items():
-        for kind in KINDS if REGIMES[sought].unknown is ctr.TipForce else ():
-            print(of_wrong(sought, robot, list(study.wrong(given.wrong, kind, given.seed))), flush=True)
+    for (setting, robot), study in studies.items():
+        for kind in KINDS if REGIMES[setting].unknown is ctr.TipForce else ():
+            print(of_wrong(setting, robot, list(study.wrong(given.wrong, kind, given.seed))), flush=True)
     print(f"{perf_counter() - begin:.0f} s")
 
 

@@ -1,8 +1,8 @@
-"""Does a stream of forces hold out? 10,000 samples at 100 Hz; see docs/how_to/force_stream.md for what came out.
+"""Does a stream of forces stay fast and accurate? 10,000 samples at 100 Hz; results in docs/how_to/force_stream.md.
 
-Robot B of problems/three_tubes in motion, its tip force wandering, seen in 20 points; samples are dropped, late, or
-wild. Run: ``python -m benchmarks.force_stream``, or ``--samples 1000``; with ``--rough``, wild samples come in bursts,
-of all points or of one, and force and actuation jump.
+Robot B of problems/three_tubes moves under a varying tip force and is measured at 20 points. Samples are dropped, late,
+or wild. Run: ``python -m benchmarks.force_stream``, or ``--samples 1000``. With ``--rough``, wild samples come in
+bursts, of all points or of one, and force and actuation jump.
 """
 
 import argparse
@@ -72,7 +72,7 @@ class Wilds:
 
 
 def jumped(problem, actuation, force, far, shape, rng):
-    """A force so far from another, in a direction in which the robot has an equilibrium on the same branch."""
+    """A force this far from another, in a direction that keeps an equilibrium on the same branch."""
     while True:
         direction = rng.normal(size=3)
         found = force + far * direction / np.linalg.norm(direction)
@@ -114,7 +114,7 @@ def ticks(work, samples, size, rng, found, rough):
 
 
 def arrivals(ticks, rng):
-    """The same in the order in which they arrive."""
+    """Ticks in the order in which they arrive."""
     waiting = deque()
     for tick in ticks:
         if tick.points is not None and rng.random() < LATE:
@@ -126,7 +126,7 @@ def arrivals(ticks, rng):
 
 
 def run(samples, rough=False):
-    """The estimator and what was found."""
+    """Run the estimator and collect the results."""
     found, rng = Found(samples), np.random.default_rng(SEED)
     work = three_tubes("B", "none", 0)
     size = work.robot.tubes[0].bending_stiffness / work.start.length**2
@@ -138,19 +138,19 @@ def run(samples, rough=False):
     for k, tick in enumerate(arrivals(ticks(work, samples, size, rng, found, rough), rng)):
         begin = thread_time()
         seen = None if tick.points is None else ctr.PositionMeasurement(places, tick.points, SIGMA)
-        told = estimator.update(tick.actuation, seen, tick.time)
+        estimate = estimator.update(tick.actuation, seen, tick.time)
         found.updates[k] = thread_time() - begin
         newest = tick if newest is None or tick.time >= newest.time else newest
-        error = told.force - newest.force
-        found.errors[k], found.nees[k] = error @ error, error @ np.linalg.solve(told.force_covariance, error)
-        found.wild[k], found.out[k] = tick.wild, told.status == "left out"
+        error = estimate.force - newest.force
+        found.errors[k], found.nees[k] = error @ error, error @ np.linalg.solve(estimate.force_covariance, error)
+        found.wild[k], found.out[k] = tick.wild, estimate.status == "left out"
         if k + 1 in (samples // 10, samples - DELAY):
             found.memory[k + 1] = resident()
     return estimator, found
 
 
 def lines(samples, rough=False):
-    """What came out, in words."""
+    """Summarize the results in words."""
     estimator, found = run(samples, rough)
     done = np.isfinite(found.updates)  # a late sample may still be waiting
     wild, out, updates = found.wild[done], found.out[done], 1e3 * found.updates[done]

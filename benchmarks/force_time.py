@@ -1,4 +1,4 @@
-"""How long does it take to find forces, counted in warm forward solves of the same robot?
+"""How long does it take to estimate forces, relative to warm forward solves of the same robot?
 
 Run: ``python -m benchmarks.force_time``, or ``--seconds 1``.
 """
@@ -24,7 +24,7 @@ WARM = "warm forward solve"
 def tip_force(effort):
     """Names, and seconds of each: a warm forward solve, and the tip force from points or a fibre, warm and cold.
 
-    Each goes to and fro between neighbours of robot B's actuation; measurements are made anew. Medians over pairs.
+    Each goes to and fro between neighbours of robot B's actuation; measurements are new each time. Medians over pairs.
     """
     work = three_tubes("B", "force", effort.neighbours)
     forward = ctr.ForwardProblem(work.robot, compiled=True)
@@ -55,7 +55,7 @@ def tip_force(effort):
 
 
 def _curvatures(shape, places):
-    """Of the innermost tube, in its material frame."""
+    """Curvatures of the innermost tube, in its material frame."""
     x, y, _ = shape.curvature(places).T
     c, s = np.cos(shape.tube_angle(0, places)), np.sin(shape.tube_angle(0, places))
     return np.column_stack((c * x + s * y, c * y - s * x))
@@ -64,7 +64,7 @@ def _curvatures(shape, places):
 def lines(effort):
     """A table: times, and ratios to the warm forward solve."""
     found = tip_force(effort)
-    yield "| robot B | time | over a warm forward solve |"
+    yield "| robot B | time | relative to a warm forward solve |"
     yield "| --- | ---: | ---: |"
     for name, seconds in found.items():
         yield f"| {name} | {time(seconds)} | {seconds / found[WARM]:.1f} |"

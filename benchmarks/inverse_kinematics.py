@@ -1,11 +1,11 @@
 """Are targets reached, and how fast? ``python -m benchmarks.inverse_kinematics``.
 
-The results stand in docs/how_to/inverse_kinematics.md.
+The results are in docs/how_to/inverse_kinematics.md.
 
 Targets are tips of random allowed actuations whose cold solve is stable, seeded: rotations within a turn, translations
-within the tubes' lengths, tubes in order. Each is solved from home; then one to which the tip is moved by at most 1 mm
-from the answer, by joints that move at random, is solved from there. Every answer's error is computed anew by a forward
-solve at a tolerance of 1e-10. Times are those of the processor.
+within the tubes' lengths, tubes in order. Each is solved from home. Then a second target, at most 1 mm from the answer
+and reached by a random motion of the joints, is solved from there. A separate forward solve at a tolerance of 1e-10
+gives every answer's error. Times are processor times.
 """
 
 import argparse
@@ -83,13 +83,13 @@ class Bench:
         return shape
 
     def errors(self, answer, target):
-        """Distance and angle of the answer's tip from a target, solved anew."""
+        """Distance and angle of the answer's tip from a target, by a separate solve."""
         return Point(self.exact.solve(answer.actuation, self.loads, answer.equilibrium), target).errors
 
 
 @attrs.define(eq=False)
 class Record:
-    """What came out for one robot, load and kind of target: seconds, starts, true errors of those reached."""
+    """Results for one robot, load and kind of target: seconds, starts, true errors of reached targets."""
 
     seconds: list = attrs.field(factory=list)
     starts: list = attrs.field(factory=list)
@@ -108,7 +108,7 @@ class Record:
 
     @property
     def share(self):
-        """Of the targets that were reached."""
+        """Share of the targets that were reached."""
         return len(self.errors) / len(self.seconds)
 
     def row(self, warm):
@@ -127,14 +127,14 @@ def asked(kind, pose):
 
 
 def timed(action):
-    """What it returns, and seconds of the processor: on an idle machine those of the clock, beside other work fewer."""
+    """Result of a call, and its processor seconds, which other work on the machine does not increase."""
     begin = thread_time()
     answer = action()
     return answer, thread_time() - begin
 
 
 def run(bench, kind, count, seed=1):
-    """From home and in tracking."""
+    """Solve all targets from home and in tracking."""
     home, tracking, rng = Record(), Record(), np.random.default_rng([seed, 1])
     for shape in bench.shapes(count, seed):
         answer = home.solve(bench, kind, shape.tip_pose)
@@ -153,7 +153,7 @@ def warm(bench, repeats=2000):
 
 
 def baseline(bench, count, seed=1):
-    """SciPy's trust region with differences on the same compiled solves, positions, without the order of the tubes."""
+    """SciPy's trust region with differences on the same compiled solves; positions only, any order of tubes."""
     found = [by_scipy(bench, shape.tip_position) for shape in bench.shapes(count, seed)]
     seconds, reached = np.array(found).T
     return float(np.median(seconds)), float(reached.mean())

@@ -1,7 +1,7 @@
-"""What is timed: each kind of work, by the SciPy reference and by the package in each of its modes.
+"""Timed methods: each kind of work by the SciPy reference and by the package in each of its modes.
 
-A mode prepares calls, one for each neighbour that solves go to; the calls of all modes are timed in turns. The time of
-a kind of work is the median over the neighbours. Errors of the tip are taken against solves at a tolerance of 1e-11.
+A mode prepares calls, one per neighbour that solves go to. The calls of all modes are timed in turns. The time of a
+kind of work is the median over the neighbours. Errors of the tip are relative to solves at a tolerance of 1e-11.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,7 @@ class Prepared:
 
 @attrs.frozen
 class Mode:
-    """A solver and what it can be asked to do."""
+    """A solver and the kinds of work that it can do."""
 
     name: str
     prepare: dict[str, Callable[[Work], Prepared]]

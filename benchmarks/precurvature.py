@@ -1,4 +1,4 @@
-"""How often do the bands of an identified precurvature hold the truth? Seeded; the table of docs/how_to/sensing.md.
+"""How often do the bands of an identified precurvature contain the truth? Makes the table of docs/how_to/sensing.md.
 
 Run: ``python -m benchmarks.precurvature``, ``--count 20`` for fewer repetitions.
 """

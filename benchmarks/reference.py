@@ -1,15 +1,15 @@
-"""What the speeds are compared with: the paper's equations, solved with NumPy and SciPy alone.
+"""Reference for speeds: the paper's equations, solved with NumPy and SciPy alone.
 
 Rucker, Jones and Webster (IEEE T-RO 2010) in their own states, curvatures: (2), (12), (19), (20), read with the
 corrections of docs/explanation/theory.md, for tubes of a straight and a curved piece under a force and a moment at the
-tip of the innermost. Sections between break points are integrated with DOP853 at a relative tolerance of 1e-6; the
-conditions where tubes end and at the tip are met by Newton's method with a Jacobian by differences. A solve starts from
-a neighbouring one or, from nothing, by continuation in precurvature and load from the straight robot.
+tip of the innermost. DOP853 integrates sections between break points at a relative tolerance of 1e-6; the conditions
+where tubes end and at the tip are met by Newton's method with a Jacobian by differences. A solve starts from a
+neighbouring one or, from nothing, by continuation in precurvature and load from the straight robot.
 
-Written to be fast as such programs go: no dense output, constants of a section taken out of the right-hand side. It
-comes twice: as textbooks have it, the right-hand side ``printed`` in small matrices as in the paper and a fresh
-Jacobian in every iteration; and tuned, the right-hand side ``expanded`` by hand into scalars and one Jacobian for
-several iterations and steps of the continuation, as fast as we know how without a compiler.
+It avoids obvious waste: no dense output, and constants of a section are computed outside the right-hand side. There are
+two versions. The textbook version has the right-hand side ``printed`` in small matrices as in the paper, and a new
+Jacobian in every iteration. The tuned version has the right-hand side ``expanded`` by hand into scalars, and one
+Jacobian for several iterations and steps of the continuation. It is as fast as we could make it without a compiler.
 """
 
 from dataclasses import dataclass
@@ -85,7 +85,7 @@ def printed(bending, torsional, star, force):
 
 
 def expanded(bending, torsional, star, force):
-    """The same written out for isotropic tubes, without arrays."""
+    """Right-hand side written out for isotropic tubes, without arrays."""
     count, total = len(star), sum(bending)
     tubes = [(e, g, e / g, *u) for e, g, u in zip(bending, torsional, star, strict=True)]
     fx, fy, fz = force
@@ -144,7 +144,7 @@ class Shooting:
         self.tip, self.integrations = np.zeros(3), 0
 
     def residual(self, z):
-        """What is left of the torsional moments where tubes end, and of the bending moment at the tip."""
+        """Residual: torsional moments where tubes end, and the bending moment at the tip."""
         tubes, count = self.tubes, len(self.tubes.bending)
         self.integrations += 1
         uz = [self.unit * x / g for x, g in zip(z[2:].tolist(), tubes.torsional, strict=True)]

@@ -1,4 +1,4 @@
-"""Does every solve end in an equilibrium or an honest failure? Seeded; results in docs/evidence/robustness.md.
+"""Does every solve end in an equilibrium or a reported failure? Seeded; results in docs/evidence/robustness.md.
 
 Parts: ``conservative`` (a), ``moments`` (b), ``shapes`` (c), ``memory`` (d), ``fuzz``.
 Run: ``python -m benchmarks.robustness`` for all of them, ``--part moments --count 100 --seed 3`` for one.
@@ -44,7 +44,7 @@ def solved(problem, actuation, loads, initial=None):
     return result, time.perf_counter() - begin
 
 
-def told(result, seconds, allowed, index, **more):
+def record_of(result, seconds, allowed, index, **more):
     """A record of a solve that can be sent from process to process."""
     record = {"index": index, "seconds": seconds, "status": result.status.name, "path": result.path, **more}
     record["tubes"], record["reached"] = len(result.robot.tubes), result.reached
@@ -65,7 +65,7 @@ def cold(sampler, seed, index):
         more["displacement"] = samples.displacement(result, sample)
         if sampler == "with_moments":
             more["turn"] = np.degrees(samples.turn(result, sample))
-    return [told(result, seconds, 1e-7, index, **more)]
+    return [record_of(result, seconds, 1e-7, index, **more)]
 
 
 # -- c: every other way to a shape -------------------------------------------------------------------------------------
@@ -85,7 +85,7 @@ def warm(seed, index):
     problem, shape, records = ctr.ForwardProblem(robot, **settings), None, []
     for _ in range(8):
         result, seconds = solved(problem, actuation, loads, shape)
-        records.append(told(result, seconds, problem.settings.tolerance, index, settings=settings))
+        records.append(record_of(result, seconds, problem.settings.tolerance, index, settings=settings))
         shape = result if result.converged else None
         actuation = ctr.Actuation(
             actuation.rotations + rng.normal(scale=0.5, size=len(robot.tubes)),
@@ -99,7 +99,7 @@ def warm(seed, index):
 
 
 def memory(seed, count, every):
-    """Solves of ever new robots of one to four tubes; ``(solves, MB)`` every so often."""
+    """Solve new robots of one to four tubes; return ``(solves, MB)`` at intervals."""
     series, seconds, done, index = [(0, resident())], [], 0, 0
     while done < count:
         robot, actuation, loads = samples.light(seed, index)

@@ -1,4 +1,4 @@
-"""How times grow: with sections, tubes and load points, as exponents of a power law."""
+"""Growth of times with sections, tubes and load points, as exponents of a power law."""
 
 from itertools import product
 
@@ -16,7 +16,7 @@ WAYS = {INTEGRATION: (False, 1), LINEARIZATION: (True, 2)}  # with the derivativ
 
 
 def pulled(work, points):
-    """Forces at so many points along the innermost tube, of the size of the load at the tip in all."""
+    """Forces at this number of points along the innermost tube; their sum is the load at the tip."""
     force, _ = work.wrench
     places = np.linspace(0.0, work.start.length, points + 2)[1:-1]
     return [ctr.PointWrench(force / points, arc_length=float(s)) for s in places]
@@ -29,13 +29,13 @@ def solved(work, points):
 
 
 def exponents(columns, times):
-    """Of each column in the power law that is nearest to the times."""
+    """Exponent of each column in the power law that fits the times best."""
     design = np.log(np.column_stack((np.full(len(times), np.e), *columns)))
     return np.linalg.lstsq(design, np.log(times), rcond=None)[0][1:]
 
 
 def lines(effort, tubes):
-    """What to print, for robots of so many ``tubes``."""
+    """Report the growth for robots with these numbers of ``tubes``."""
     works = [nested(count, "force", 0) for count in tubes]
     grid = list(product(works, LOAD_POINTS))
     problems = [solved(*each) for each in grid]

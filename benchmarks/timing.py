@@ -1,6 +1,6 @@
-"""Times of calls that are compared: taken in turns, so that what else the computer does meets all of them alike.
+"""Comparison of the times of calls, taken in turns so that other work on the computer affects all of them alike.
 
-Of each the fastest call counts, as everything else only adds to it.
+The fastest call of each counts, because disturbances only add time.
 """
 
 import gc
@@ -16,7 +16,7 @@ _WARM_UP = 2  # calls that are not timed
 
 @attrs.frozen
 class Effort:
-    """How long to measure: seconds on each comparison, turns at least, and neighbours to go to."""
+    """Effort of a measurement: seconds per comparison, least number of turns, and neighbours to go to."""
 
     seconds: float
     turns: int
@@ -40,7 +40,7 @@ def fastest(actions, effort):
 
 
 def _warmed(action):
-    """Nanoseconds of a call."""
+    """Nanoseconds of a call, after a warm-up."""
     for _ in range(_WARM_UP):
         begin = perf_counter_ns()
         action()

@@ -33,7 +33,7 @@ NAMED = {
 
 
 def mesh(configuration, parts):
-    """Every section in so many equal steps."""
+    """Mesh with this number of equal steps in every section."""
     edges = [np.linspace(a, b, parts + 1) for a, b in pairwise(configuration.break_points)]
     return np.concatenate([np.column_stack((e[:-1], e[1:])) for e in edges])
 
@@ -53,7 +53,7 @@ def program(kind, configuration, steps, transcription, integrator, start):
 
 
 def shooting(configuration, steps, integrator, start):
-    """The same for single shooting with Newton's method."""
+    """A call that solves by single shooting with Newton's method, and the tip."""
     problem = Shooting(configuration, steps, integrator)
     z = start.last_iterate.unknowns(configuration.scales, configuration.kind.live)
     return lambda: newton(problem, z, 1e-11), problem.sweep(newton(problem, z, 1e-11).z)[0].tip[:3]

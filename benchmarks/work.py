@@ -1,8 +1,8 @@
-"""What is solved: the three-tube robots A and B of problems/three_tubes and nested robots of one to six tubes.
+"""Timed problems: the three-tube robots A and B of problems/three_tubes and nested robots of one to six tubes.
 
-Each under a force and a moment at the tip, under the force alone (only then stability is defined), or free. Warm solves
-start from the robot's own actuation and go to seeded neighbours: every rotation 0.01 to 0.03 rad and every translation
-0.2 mm away. The tip is known from solves at a tolerance of 1e-11.
+Each robot is under a force and a moment at the tip, under the force alone (stability is then defined), or free. Warm
+solves start from the robot's actuation and go to seeded neighbours: every rotation 0.01 to 0.03 rad and every
+translation 0.2 mm away. Solves at a tolerance of 1e-11 give the true tip.
 """
 
 from functools import cached_property

@@ -1,8 +1,8 @@
-"""What do a lab's own tip poses tell of its robot, and how well are others predicted?
+"""Which parameters of a robot follow from a table of tip poses, and how well are other poses predicted?
 
-A table of joint values and of what an electromagnetic sensor at the tip showed, without any load, gives the homes of
-three tubes, stiffnesses relative to the inner tube's, precurvatures, and how the sensor sits on the tube. The thousand
-rows are synthetic, of a robot of simulation studies; put your robot and table in their places.
+The table has joint values and the readings of an electromagnetic sensor at the tip, without any load. It gives the
+homes of three tubes, stiffnesses relative to the inner tube's, precurvatures, and the sensor's pose on the tube. The
+thousand rows are synthetic, of a robot of simulation studies; replace robot and table by yours.
 """
 
 from pathlib import Path
@@ -24,11 +24,11 @@ parameters = [*homes, *stiffnesses, *curved, "sensors.coil.translation", "sensor
 
 # A fifth, drawn at random, is not fitted. Without a C compiler: compiled=False, and minutes in the place of seconds.
 held = np.random.default_rng(7).permutation(len(poses))[: len(poses) // 5]
-fitted = [each for k, each in enumerate(poses) if k not in held]
+fitted = [pose for k, pose in enumerate(poses) if k not in held]
 fit = ctr.CalibrationProblem(robot, fitted, parameters, compiled=True).solve()
 print(fit.report())
 
-# The sensor shows its position and axis; how it is turned about that axis cannot be told, and the robot needs it not.
+# The sensor shows its position and axis. Its turn about that axis is not determined, and no prediction needs it.
 assert [str(each) for each in fit.undetermined] == ["sensors.coil.rotation.z is not determined"]
 assert fit.noise_accepted
 print(f"\nprecurvature of the inner tube: {fit.robot.tubes[0].precurvature[1].curvature[0]:.3f} 1/m")

@@ -1,8 +1,8 @@
-"""What force pulled at the robot, seen by two cameras, and where does it take the tip?
+"""What force pulled at the robot, seen by two cameras, and where does it move the tip?
 
-As in the paper's section III-A: a grid of known points brings the cameras' frame to the robot's, points marked on a
-wire give the direction of its force, the mass that hangs on it the size. The clicks are made up: pixels of the truth
-with noise of 0.3 px. The robot, RJW-S1, is a synthetic stand-in: no number here is a result of the paper.
+As in the paper's section III-A, a grid of known points registers the cameras' frame to the robot's. Points marked on a
+wire give the direction of its force, the hanging mass its magnitude. The clicks are synthetic: true pixels with noise
+of 0.3 px. The robot, RJW-S1, is a synthetic stand-in: no number here is a result of the paper.
 """
 
 from pathlib import Path

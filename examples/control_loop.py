@@ -1,7 +1,7 @@
 """Can a controller steer the tip with exact Jacobians, and how often a second?
 
-Resolved rates: at each tick the Jacobian turns the way to the next point of the path into a step of the actuators,
-while a load drags at the tip. Inverse kinematics follows the same path within the limits of the joints.
+Resolved rates: at each tick the Jacobian converts the motion to the next point of the path into a step of the
+actuators, while a load acts on the tip. Inverse kinematics follows the same path within the limits of the joints.
 `python control_loop.py figure.png` draws docs/figures/control_loop.png. Without a compiler it runs slower.
 """
 

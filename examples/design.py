@@ -1,8 +1,7 @@
 """Which precurvatures does a robot need to reach given places while it carries a load?
 
-Designing is calibrating a robot that is not there yet: the wanted tips stand in the place of measured ones,
-precurvatures and every actuation are unknown, and the tolerance of each place is its standard deviation. The same
-program solves both.
+Design is the calibration of a robot that does not exist yet. The wanted tips replace measured ones, precurvatures and
+all actuations are unknown, and the tolerance of each place is its standard deviation. One program solves both.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """How hard is the tip pushed, and in which direction, seen from the shape alone?
 
-Twenty points along the backbone of three tubes, 0.2 mm of noise, as cameras give them. The force across the tip is
-known to a few millinewtons, the force along it hardly: where that matters, say what is known of it before.
+Cameras give twenty points along the backbone of three tubes, with 0.2 mm of noise. The force across the tip is known to
+a few millinewtons, the force along it hardly. If that matters, give prior knowledge of the force.
 `python examples/force_at_the_tip.py figure.png` draws it.
 """
 

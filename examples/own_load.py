@@ -1,8 +1,8 @@
-"""How is a load of one's own described?
+"""How is a user-defined load described?
 
-As CasADi expressions of arc length, position and orientation. Here a magnet at the tip: a dipole of moment m along the
-tangent feels in the field B(p) the torque m x B and the force (dB/dp)^T m. Derivatives come from CasADi, so the solver
-has them exactly.
+It is given as CasADi expressions of arc length, position and orientation. This example is a magnet at the tip: in the
+field B(p), a dipole of moment m along the tangent has the torque m x B and the force (dB/dp)^T m. CasADi computes the
+derivatives, so the solver has them exactly.
 """
 
 import casadi as ca

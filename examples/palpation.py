@@ -1,7 +1,7 @@
 """How stiff is what the tip presses on?
 
-A robot palpates: it presses with wanted forces, as far as it believes in a stiffness, and is looked at. The shape tells
-the force across the tip, the place of the tip how far it went in, and both together the stiffness, with an error.
+A robot palpates: it presses with planned forces, based on an assumed stiffness, and its shape is measured. The shape
+gives the force across the tip, and the tip's position gives the depth. Together they give the stiffness, with an error.
 `python examples/palpation.py figure.png` draws it.
 """
 
@@ -34,7 +34,7 @@ for force in WANTED:
     before = answer.equilibrium
     real.append(forward.solve(answer.actuation, [tissue], before))  # and what comes of it
 
-# What is seen: twelve points of each shape. Only the force along the normal is sought, and is well known.
+# What is seen: twelve points of each shape. Only the force along the normal is estimated, and it is well known.
 rng = np.random.default_rng(7)
 sensing = ctr.ForceEstimationProblem(robot, [ctr.TipForce(prior=(0.0, 0.2))])
 depths, forces, errors = [], [], []

@@ -1,7 +1,7 @@
 """What force is at the tip, seen by a fibre in the inner tube?
 
 Strains of the cores of an optical fibre give curvatures with covariances, curvatures give the force with an error bar.
-The strains are made up: of a truth, with noise of two microstrain and a drift of temperature.
+The strains are synthetic: true strains with noise of two microstrain and a drift of temperature.
 `python strains_to_force.py figure.png` draws docs/figures/strains_to_force.png.
 """
 

@@ -1,7 +1,7 @@
 """Where does something press on the robot, and how hard?
 
-From raw points to "0.50 +- 0.13 N at 129.6 +- 2.3 mm": thirty points of RJW-S1's backbone in a table, nobody knows at
-which arc lengths, and a robot that is known. `python examples/unknown_contact.py figure.png` draws it.
+From raw points to "0.50 +- 0.13 N at 129.6 +- 2.3 mm": a table has thirty points of RJW-S1's backbone at unknown arc
+lengths; the robot is known. `python examples/unknown_contact.py figure.png` draws it.
 """
 
 import sys

@@ -1,7 +1,7 @@
-"""What do shapes without load tell of stiffness?
+"""What do shapes without load reveal about stiffness?
 
-Tubes that bend each other show how stiff they are beside each other, and no more. The fit says so instead of giving
-numbers; one known stiffness, as from a three-point bending test, makes them of it.
+Tubes that bend each other show only the ratios of their stiffnesses. The fit reports this instead of giving numbers.
+One known stiffness, for example from a three-point bending test, determines the others.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""What happens when something takes hold of the outer tube?
+"""What happens when something grips the outer tube?
 
-A load acts on a tube. Forces and bending moments go on to whatever is inside, as the tubes share one shape; a moment
-about the axis twists the tube it acts on, and the others only as far as their curvature makes them follow.
+A load acts on one tube. Forces and bending moments pass on to the tubes inside, because the tubes share one shape. A
+moment about the axis twists the loaded tube, and the others only as far as their curvature makes them follow.
 """
 
 from pathlib import Path
