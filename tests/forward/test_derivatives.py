@@ -434,7 +434,7 @@ def simple():
         (("torsion", 0), "rotations", "not an output"),
         (("torsion", 2, 0.1), "rotations", "index of a tube from 0 to 1"),
         (("position", 0.2), "rotations", "s = 0.2 m must be a finite number in m, at least 0 and at most 0.12"),
-        ("energy", "rotation", "wrt = 'rotation' is not a parameter (did you mean 'rotations'?)"),
+        ("energy", "rotation", "wrt = 'rotation' is not a parameter (did you mean 'rotations'"),
         ("energy", "tubes[0].youngs_modulus", "does not act: youngs_modulus is not given"),
         ("energy", "tubes[0].outer_diameter", "does not act: the stiffnesses are given"),
         ("energy", "tubes[0].density", "does not act: there is no Gravity"),
