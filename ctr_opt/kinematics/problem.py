@@ -4,26 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from time import perf_counter
 from typing import Any
 
-import numpy as np
-
-from ..checks import Array, array, choice, flag, number, whole
-from ..errors import CompilationError, DefinitionError, SolveError
-from ..forward.batch.rows import rows_of_loads
+from ..checks import choice, flag, number, whole
+from ..errors import CompilationError, DefinitionError
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
 from ..forward.solver import as_loads
 from ..loads.kind import Load
-from ..robot.actuation import Actuation, actuation_of, joints_of
+from ..robot.actuation import Actuation
 from ..robot.robot import Robot
-from .limits import Allowed, JointLimits
-from .path import Follower, targets_of
-from .result import CRITERIA, InverseKinematicsPath, InverseKinematicsResult, best
-from .search import Point, TipSearch
-from .starts import Starts
-from .targets import LENGTH, Target
+from .limits import JointLimits
+from .path import targets_of
+from .result import CRITERIA, InverseKinematicsPath, InverseKinematicsResult
+from .search import TipSearch
+from .solver import InverseSolver
+from .targets import Target
 
 _FORWARD, _MOST_FORWARD = 0.1, 1e-7  # largest errors of the forward solves: over the tolerance, and over the length
 
@@ -99,23 +95,17 @@ class InverseKinematicsProblem:
         angle_tolerance: float = 1e-4,
         compiled: bool | None = None,
     ) -> None:
-        if not isinstance(limits, (JointLimits, type(None))):
-            raise DefinitionError(f"limits = {limits!r} must be JointLimits")
         accepted = number(tolerance, "tolerance", least=1e-9, most=1e-2, unit="m")
         self.tolerances = accepted, number(angle_tolerance, "angle_tolerance", least=1e-8, most=1.0, unit="rad")
         self.criterion = choice(criterion, "criterion", tuple(CRITERIA))
         self.starts = whole(starts, "starts", 1)
         wanted = compiled if compiled is None else flag(compiled, "compiled")
         self.forward = _forward(robot, accepted, wanted)
-        self.robot, self.limits = robot, limits or JointLimits()
-        tubes = len(robot.tubes)
-        usual = np.repeat([1.0, 1.0 / LENGTH], tubes)
-        self.weights = usual if weights is None else array(weights, "weights", (2 * tubes,), above=0.0)
-        self._allowed = Allowed.of(robot, self.limits)
-        self.home = self._home_of(home)
-        self._starts = Starts(self.forward, self._allowed, joints_of(self.home))
-        if self.forward.compiles:  # tenths of a second now; without compiled code seconds, spent only when needed
-            _ = self._starts.table
+        self._solver = InverseSolver(
+            self.forward, limits, home, weights, self.tolerances, criterion=self.criterion, starts=self.starts
+        )
+        self.robot, self.limits = robot, self._solver.limits
+        self.weights, self.home = self._solver.weights, self._solver.home
 
     def solve(
         self,
@@ -154,8 +144,7 @@ class InverseKinematicsProblem:
         SolveError
             No start has a stable equilibrium under these loads.
         """
-        target = Target.of(target_position, target_axis, target_pose)
-        return self._solved(target, as_loads(loads), None if initial is None else self._checked(initial))
+        return self._solver.solve(Target.of(target_position, target_axis, target_pose), as_loads(loads), initial)
 
     def solve_path(
         self,
@@ -197,17 +186,7 @@ class InverseKinematicsProblem:
         SolveError
             The path breaks off. The message says where and why; ``.result`` is the path up to there.
         """
-        places = targets_of(targets, axes)
-        rows = [entry if isinstance(entry, Load) else as_loads(entry) for entry in as_loads(loads)]
-        searches = [self.search(*row) for row in zip(places, rows_of_loads(rows, len(places)), strict=True)]
-        longest = np.repeat(array(longest_step, "longest_step", (2,), above=0.0), len(self.robot.tubes))
-        if initial is None:
-            path = self._from_anywhere(searches, longest)
-        else:
-            path = Follower(longest).follow(searches, self._checked(initial))
-        if throw and not path.converged:
-            raise SolveError(path.message, path)
-        return path
+        return self._solver.follow(targets_of(targets, axes), loads, initial, longest_step, throw)
 
     def search(self, target: Target, loads: tuple[Load, ...]) -> TipSearch:
         """Prepare the search for one target, for code that chooses its own start.
@@ -219,60 +198,7 @@ class InverseKinematicsProblem:
         loads
             The loads on the robot at the target.
         """
-        allowed = Allowed.of(self.robot, self.limits, loads) if loads else self._allowed
-        return TipSearch(self.forward, loads, allowed, self.weights, target, self.tolerances)
-
-    # -- internals -------------------------------------------------------------------------------------------------
-
-    def _solved(self, target: Target, loads: tuple[Load, ...], initial: Equilibrium | None) -> InverseKinematicsResult:
-        begin = perf_counter()
-        reference = joints_of(self.home if initial is None else initial.actuation)
-        search = self.search(target, loads)
-        ends: list[Point] = []
-        for start in self._starts.points(search, initial, reference, self.starts):
-            ends.append(search.reach(start))
-            if self.criterion == "nearest" and ends[-1].answers:
-                break
-        point = best(search, ends, self.criterion, reference)
-        seconds = perf_counter() - begin
-        return InverseKinematicsResult.of(search, point, reference, starts=len(ends), solve_time=seconds)
-
-    def _from_anywhere(self, searches: list[TipSearch], longest: Array) -> InverseKinematicsPath:
-        """Follow a path from its first target, starting from the answer there that leads to the last, or furthest."""
-        first, home, furthest = searches[0], joints_of(self.home), None
-        for start in self._starts.points(first, None, home, self.starts):
-            point = first.reach(start)
-            if not point.answers:
-                continue
-            point = first.settle(point, home)
-            path = Follower(longest, [point], [0]).follow(searches, point.equilibrium)
-            if furthest is None or len(path.waypoints) > len(furthest.waypoints):
-                furthest = path
-            if path.converged:
-                break
-        return furthest or Follower(longest).broken(0, "no start reaches it")
-
-    def _home_of(self, home: Actuation | None) -> Actuation:
-        tubes = len(self.robot.tubes)
-        if home is None:
-            middle = [-0.5 * tube.length for tube in self.robot.tubes]
-            joints = self._allowed.nearest(np.concatenate((np.zeros(tubes), middle)), self.weights)
-            return actuation_of(joints)
-        if not isinstance(home, Actuation) or len(home.rotations) != tubes:
-            raise DefinitionError(f"home = {home!r} must be an Actuation of {tubes} tubes")
-        self._check_limits(home, "home")
-        return home
-
-    def _checked(self, initial: Equilibrium) -> Equilibrium:
-        if not isinstance(initial, Equilibrium) or not initial.converged or initial.robot != self.robot:
-            raise DefinitionError(f"initial = {initial!r} must be a solved Equilibrium of this problem's robot")
-        self._check_limits(initial.actuation, "initial")
-        return initial
-
-    def _check_limits(self, actuation: Actuation, field: str) -> None:
-        exceeded = self._allowed.exceeded(joints_of(actuation))
-        if exceeded:
-            raise DefinitionError(f"{field} = {actuation!r} exceeds the limits: {'; '.join(exceeded)}")
+        return self._solver.search(target, loads)
 
 
 def _forward(robot: Robot, tolerance: float, compiled: bool | None) -> ForwardProblem:

@@ -171,7 +171,7 @@ def test_limits_are_kept_and_told(shape):
         assert np.diff(translations).min() > 0.01 - 1e-15
         assert np.diff(translations + lengths).max() < -0.02 + 1e-15
         met.update(answer.limits)
-    assert met <= set(problem._allowed.names)
+    assert met <= set(problem._solver.allowed.names)
     assert met
 
 
