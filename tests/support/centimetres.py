@@ -45,10 +45,13 @@ def metres(place):
     return float(f"{place // PM}e-2") + 1e-12 * (place % PM) if place % PM < PM // 2 else metres(place + 1) - 1e-12
 
 
-def case(index, *, riding=False):
-    """The robot of an index; ``riding``: all loads are at tubes' ends and move along."""
+def case(index, *, riding=False, apart=None):
+    """The robot of an index; ``riding``: all loads are at tubes' ends and move along.
+
+    ``apart``: m, the same robot with its points so far apart instead, whole picometres, in the same order.
+    """
     rng = np.random.default_rng([2024, index])
-    count, moved = (2, 3, 2, 3, 1)[index % 5], (0.0, 1e-17, 1e-12)[index % 3]
+    count, moved = (2, 3, 2, 3, 1)[index % 5], (0.0, 1e-17, 1e-12)[index % 3] if apart is None else apart
     tubes, translations, ends = [], [], []
     for i in range(count):
         tube, length, straight = _tube(rng, i)
@@ -61,7 +64,7 @@ def case(index, *, riding=False):
         shift = int(rng.integers(-1, 1 if base == 0 else 2))
         tubes.append(tube)
         translations.append(0.01 * base + shift * moved)
-        ends.append(end * PM + (shift if moved == 1e-12 else 0))
+        ends.append(end * PM + shift * round(moved / 1e-12))
     actuation = ctr.Actuation(rng.uniform(-2.0, 2.0, count), translations)
     loads = tuple(_load(rng, ends, riding) for _ in range(rng.integers(1, 4)))
     return Case(ctr.Robot(tubes), actuation, loads, tuple(ends), moved)
