@@ -108,7 +108,10 @@ def _columns(file: Path, header: list[str], tubes: int) -> dict[str, tuple[int, 
     columns = columns_of(file, header, lambda name: _unit(name, tubes), allowed)
     needed = [f"{kind}_{i}" for kind in ("rotation", "translation") for i in range(tubes)]
     vectors = {name.rpartition("_")[0] for name in columns if name[-2:] in ("_x", "_y", "_z")}
-    needed += [f"{name}_{axis}" for name in vectors for axis in _AXES]
+    for kind in MEASUREMENTS:
+        if not vectors.isdisjoint(kind.columns):  # a measurement needs all of its vectors
+            vectors.update(kind.columns)
+    needed += [f"{name}_{axis}" for name in sorted(vectors) for axis in _AXES]
     if any(name.startswith("tip_q") for name in columns):
         needed += [f"tip_{end}" for end in (*_AXES, *_QUATERNION)]
         if "direction_x" in columns:
@@ -156,7 +159,8 @@ class _Row:
     def experiment(self, name: str) -> Experiment:
         joints = self.read("rotation", range(self.tubes)), self.read("translation", range(self.tubes))
         if not np.isfinite(joints).all():
-            raise DefinitionError(f"{self.where}: all rotations and translations must be given")
+            raise DefinitionError(f"{self.where}: rotations and translations must all be given")
+        self._check_whole()
         force = np.nan_to_num(self.read("force", _AXES)).tolist()
         try:
             measured = [*self._points(), *self._tip(), *self._vectors()]
@@ -165,6 +169,20 @@ class _Row:
             return Experiment(Actuation(*joints), [PointWrench(force=force)] if any(force) else [], measured, name=name)
         except DefinitionError as error:
             raise DefinitionError(f"{self.where}: {error}") from None
+
+    def _check_whole(self) -> None:
+        """Refuse what is given in part: it could not be used, and the rest of it would be lost without a word."""
+        together = [[f"{column[:-2]}_{axis}" for axis in _AXES] for column in self.values if column.endswith("_x")]
+        together.append([f"tip_{end}" for end in _QUATERNION])
+        together += [[f"{name}_{axis}" for name in kind.columns for axis in _AXES] for kind in MEASUREMENTS]
+        for columns in together:
+            empty = [column for column in columns if np.isnan(self.values.get(column, np.nan))]
+            if 0 < len(empty) < len(columns):
+                filled = next(column for column in columns if column not in empty)
+                raise DefinitionError(
+                    f"{self.where}, column {empty[0]!r} is empty, but {filled!r} is given: fill in all of "
+                    f"{', '.join(columns)}, or leave all of them empty"
+                )
 
     def _points(self) -> list[Measurement]:
         """Position measurements, without those of a sensor or a pose."""
