@@ -19,6 +19,19 @@ from .errors import DefinitionError
 Array = NDArray[np.float64]
 ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
 """Equality of fields that hold arrays."""
+
+
+def alike(one: Any, other: Any) -> bool:
+    """Whether two values are equal, with arrays and numbers in lists and tuples of any depth."""
+    if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)):
+        return len(one) == len(other) and all(map(alike, one, other))
+    if one is None or other is None:
+        return one is other
+    return bool(np.array_equal(one, other))
+
+
+ANY_EQ = attrs.cmp_using(eq=alike, require_same_type=False)
+"""Equality of a field that holds numbers, arrays, or pairs of these."""
 _LARGEST = 1e30  # in SI: no length, modulus or force is larger, and none overflows
 _ROTATION_TOLERANCE = 1e-6
 
@@ -58,6 +71,15 @@ def bounded(
 
     def validate(instance: Any, field: attrs.Attribute[Any], value: Any) -> None:
         number(value, f"{type(instance).__name__}.{field.name}", above=above, least=least, most=most)
+
+    return validate
+
+
+def counted(least: int) -> Callable[[Any, attrs.Attribute[Any], Any], None]:
+    """A validator of a field that holds a :func:`whole` number."""
+
+    def validate(instance: Any, field: attrs.Attribute[Any], value: Any) -> None:
+        whole(value, f"{type(instance).__name__}.{field.name}", least)
 
     return validate
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ctr_opt.checks import array, direction, index, number, whole
+from ctr_opt.checks import alike, array, direction, index, number, whole
 from ctr_opt.errors import DefinitionError
 
 
@@ -49,3 +49,18 @@ def test_directions_are_unit_vectors():
     np.testing.assert_allclose(direction([0.0, -3.0, 4.0], "d"), [0.0, -0.6, 0.8], rtol=1e-15)  # rounding
     with pytest.raises(DefinitionError, match=r"^d = \[0.0, 0.0, 0.0\] is zero, but must be a direction$"):
         direction([0, 0, 0], "d")
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        (None, None, True),
+        (None, np.zeros(3), False),
+        ((0.0, np.ones(3)), [0, [1.0, 1.0, 1.0]], True),
+        ((0.0, np.ones(3)), (0.0, np.ones(2)), False),
+        ((0.0, None), (0.0, 1.0), False),
+        (np.ones(3), np.ones((1, 3)), False),
+    ],
+)
+def test_numbers_in_tuples_and_arrays_are_compared(one, other, same):
+    assert alike(one, other) is alike(other, one) is same

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..checks import Array, array, number
+from ..checks import ANY_EQ, Array, array, number
 from ..errors import DefinitionError
 from ..estimation.sensors import Mounting
 from ..loads.kind import Load
@@ -81,10 +81,10 @@ class Parameter:
     """
 
     name: str
-    prior: Any = attrs.field(default=None, converter=_prior)
-    bounds: Any = attrs.field(default=None, converter=_bounds)
-    initial: Any = None
-    scale: Any = None
+    prior: Any = attrs.field(default=None, converter=_prior, eq=ANY_EQ, hash=False)
+    bounds: Any = attrs.field(default=None, converter=_bounds, eq=ANY_EQ, hash=False)
+    initial: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
+    scale: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
     tied: tuple[str, ...] = attrs.field(default=(), converter=_names)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from ..estimation.measurements import (
 )
 from ..estimation.measurements.kind import whitening
 from ..layout.observables import Distal, Place
+from ..loads.kind import Load
 from ..loads.point import PointWrench
 from ..robot.actuation import Actuation
 from ..robot.names import shown
@@ -259,15 +260,17 @@ def write_experiments(
 ) -> None:
     """Write experiments to a CSV table that :func:`read_experiments` reads.
 
-    Positions at the entry, the tubes' ends and the tip, and the tip's direction, have columns. Units are mm, degrees
-    and N. Fields that an experiment does not have are empty.
+    Units are mm, degrees, N and N mm. Fields that an experiment does not have are empty.
 
     Parameters
     ----------
     path
         The CSV file, in a folder that exists. An existing file is replaced.
     experiments
-        The experiments.
+        The experiments. Loads must be forces at the innermost tube's tip. Measurements must be positions at the entry,
+        at tubes' ends or at the tip, the tip's direction or pose, and kinds with columns of their own, like
+        :class:`~ctr_opt.BaseWrenchMeasurement`. A sensor must be at the tip, and the same in all experiments. Standard
+        deviations and a sensor's name have no place in a table: give them to ``read_experiments``.
     comment
         Text for the first lines, written behind ``#``.
     decimals
@@ -276,10 +279,18 @@ def write_experiments(
     Raises
     ------
     DefinitionError
-        A position has no column, or the file cannot be written.
+        Names the experiment, and the load or measurement that a table cannot hold; or the file cannot be written.
     """
+    if not experiments:
+        raise DefinitionError("experiments = [] must hold at least one experiment")
     loaded = any(experiment.loads for experiment in experiments)
-    rows = [_cells(experiment, loaded, decimals) for experiment in experiments]
+    rows, common = [], _Common()
+    for k, experiment in enumerate(experiments):
+        try:
+            common.check(experiment)
+            rows.append(_cells(experiment, loaded, decimals))
+        except DefinitionError as error:
+            raise DefinitionError(f"experiments[{k}].{error}") from None
     columns = list(dict.fromkeys(name for row in rows for name in row))
 
     def write(part: Path) -> None:
@@ -293,31 +304,94 @@ def write_experiments(
     write_atomically(Path(path), write)
 
 
+class _Common:
+    """What all experiments of a table have in common, taken from the first that has it."""
+
+    def __init__(self) -> None:
+        self.first_seen: dict[str, tuple[Any, str]] = {}
+
+    def check(self, experiment: Experiment) -> None:
+        """Refuse an experiment that differs from those before."""
+        self._same("tubes", len(experiment.actuation.rotations), "actuation")
+        for k, one in enumerate(experiment.measurements):
+            if isinstance(one, (PositionMeasurement, TangentMeasurement, PoseMeasurement)) and None in one.arc_length:
+                self._same("sensor", one.sensor, f"measurements[{k}]")
+            if isinstance(one, (TangentMeasurement, PoseMeasurement)):
+                self._same("kind of the tip's orientation", type(one).__name__, f"measurements[{k}]")
+
+    def _same(self, what: str, value: Any, where: str) -> None:
+        first, there = self.first_seen.setdefault(what, (value, where))
+        if value != first:
+            raise DefinitionError(
+                f"{where}: {what} = {value!r}, but a table has one {what} for all experiments, and it was {first!r} "
+                f"before ({there})"
+            )
+
+
 def _cells(experiment: Experiment, loaded: bool, decimals: int) -> dict[str, str]:
     """Format the fields of an experiment by their columns."""
     joints, exact, rounded = experiment.actuation, "{:.12g}", f"{{:.{decimals}f}}"
+    if "#" in experiment.name or len(experiment.name.splitlines()) > 1:
+        raise DefinitionError(f"name = {experiment.name!r} must be one line without '#', which begins a comment")
     cells = {"name": experiment.name}
 
     def add(names: Sequence[str], numbers: Array, form: str = rounded) -> None:
+        if names[0] in cells:
+            raise DefinitionError(f"{names[0]!r} is measured more than once, but a table has one column for it")
         cells.update({name: form.format(x) for name, x in zip(names, numbers.tolist(), strict=True)})
 
     tubes = range(len(joints.rotations))
     add([f"rotation_{i} [deg]" for i in tubes], np.rad2deg(joints.rotations), exact)
     add([f"translation_{i} [mm]" for i in tubes], 1e3 * joints.translations, exact)
     if loaded:
-        forces = [load.force for load in experiment.loads if isinstance(load, PointWrench)]
+        forces = [_force_at_tip(load, f"loads[{k}]") for k, load in enumerate(experiment.loads)]
         add(_axes("force", " [N]"), sum(forces, np.zeros(3)), exact)
-    for measured in experiment.measurements:
-        if isinstance(measured, PositionMeasurement):
-            for place, point in zip(measured.arc_length, measured.position, strict=True):
-                add(_axes(_stem(place), " [mm]"), 1e3 * point)
-    for measured in experiment.measurements:
+    order = sorted(enumerate(experiment.measurements), key=lambda one: not isinstance(one[1], PositionMeasurement))
+    for k, measured in order:
+        try:
+            for names, numbers in _vectors_of(measured):
+                add(names, numbers)
+        except DefinitionError as error:
+            raise DefinitionError(f"measurements[{k}]: {error}") from None
+    return cells
+
+
+def _force_at_tip(load: Load, where: str) -> Array:
+    """The force of a load that is nothing else."""
+    at_tip = isinstance(load, PointWrench) and load.arc_length is None and load.tube == 0
+    if not isinstance(load, PointWrench) or not at_tip or load.frame != "world" or load.moment.any():
+        raise DefinitionError(
+            f"{where} = {load!r} has no column in a table: it must be a PointWrench on tube 0 with arc_length None, "
+            "frame 'world' and no moment"
+        )
+    return load.force
+
+
+def _vectors_of(measured: Measurement) -> Iterator[tuple[list[str], Array]]:
+    """Columns of a measurement, and their numbers."""
+    if isinstance(measured, PositionMeasurement):
+        for place, point in zip(measured.arc_length, measured.position, strict=True):
+            if place is not None and measured.sensor is not None:
+                raise DefinitionError(f"sensor = {measured.sensor!r} must be at the tip, arc_length None")
+            yield _axes(_stem(place), " [mm]"), 1e3 * point
+    elif isinstance(measured, (TangentMeasurement, PoseMeasurement)):
+        if measured.arc_length[0] is not None or getattr(measured, "tube", None) is not None:
+            raise DefinitionError(f"{type(measured).__name__} must be of the tip, arc_length None, and of no tube")
         if isinstance(measured, TangentMeasurement):
-            add(_axes("direction"), measured.direction)
+            yield _axes("direction"), measured.direction
+        else:
+            from scipy.spatial.transform import Rotation
+
+            quaternion = Rotation.from_matrix(measured.pose[:3, :3]).as_quat(canonical=True)
+            yield _axes("tip", " [mm]"), 1e3 * measured.pose[:3, 3]
+            yield [f"tip_{end}" for end in _QUATERNION], np.roll(quaternion, 1)
+    elif measured.columns:
+        vectors = measured.to_columns()
         for name, unit in measured.columns.items():
             factor, written = shown(unit)
-            add(_axes(name, f" [{written.replace(' ', '*')}]"), factor * measured.to_columns()[name])
-    return cells
+            yield _axes(name, f" [{written.replace(' ', '*')}]"), factor * vectors[name]
+    else:
+        raise DefinitionError(f"{type(measured).__name__} has no columns in a table")
 
 
 def _axes(stem: str, unit: str = "") -> list[str]:

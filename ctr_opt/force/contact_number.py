@@ -7,7 +7,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..checks import Entry, described, given
+from ..checks import ANY_EQ, Entry, described, given
 from ..loads import place
 from .unknown import IN_FILES, PointForce, UnknownLoad
 
@@ -46,9 +46,9 @@ class Contacts(UnknownLoad):
     steady = False
     most: int = attrs.field(default=3, converter=given)
     tube: int = attrs.field(default=0, converter=given)
-    prior: Any = None
-    bounds: Any = None
-    between: Any = None
+    prior: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
+    bounds: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
+    between: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()

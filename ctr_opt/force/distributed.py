@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import attrs
 import numpy as np
 
-from ..checks import Array, Entry, described, given
+from ..checks import ANY_EQ, Array, Entry, described, given
 from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..loads import place
@@ -84,8 +84,8 @@ class DistributedForce(UnknownLoad):
     tube: int = attrs.field(default=0, converter=given)
     degree: int = attrs.field(default=3, converter=given)
     smoothness: float | None = attrs.field(default=None, converter=given)
-    prior: Any = None
-    bounds: Any = None
+    prior: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
+    bounds: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()

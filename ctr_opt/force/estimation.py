@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from ..calibration.fit import Fit
-from ..checks import Array, array, choice, index
+from ..checks import Array, array, choice, index, whole
 from ..errors import DefinitionError, EstimationError, SolveError
 from ..estimation.experiment import Experiment, several
 from ..estimation.losses import LOSSES
@@ -61,7 +61,7 @@ class ForceEstimation:
             "rotations": _deviations(rotation_sigma, "rotation_sigma", tubes),
             "translations": _deviations(translation_sigma, "translation_sigma", tubes),
         }
-        self.starts = index(starts - 1, "starts - 1") + 1
+        self.starts = whole(starts, "starts", 1)
         self.options = _options(self.unknown)
         self._kept: list[Case] = []
 

@@ -11,7 +11,7 @@ import attrs
 import numpy as np
 
 from ..calibration.fit import Fit
-from ..checks import Array, array, number
+from ..checks import Array, array, number, whole
 from ..errors import DefinitionError, EstimationError, SolveError
 from ..estimation.measurements import Measurement
 from ..layout.ends import Ends
@@ -298,9 +298,7 @@ def _followed(unknown: tuple[UnknownLoad, ...]) -> tuple[UnknownLoad, ...]:
 
 
 def _count(horizon: Any) -> int:
-    if number(horizon, "horizon", least=1.0) % 1.0:
-        raise DefinitionError(f"horizon = {horizon!r} must be a whole number of samples, at least 1")
-    return int(horizon)
+    return whole(horizon, "horizon", 1)
 
 
 def _knowing(case: Case, mean: Array, information: Array) -> Case:

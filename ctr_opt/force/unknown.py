@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import attrs
 import numpy as np
 
-from ..checks import Array, Checked, Entry, Table, array, described, given, number
+from ..checks import ANY_EQ, Array, Checked, Entry, Table, array, described, given, number
 from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..loads import place
@@ -235,8 +235,8 @@ class _AtTip(UnknownLoad):
     """An unknown load at the tip, on the innermost tube there."""
 
     tube: int = attrs.field(default=0, init=False, eq=False, repr=False)
-    prior: Any = None
-    bounds: Any = None
+    prior: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
+    bounds: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
 
     def placed(self, ends: Ends) -> Self:
         """The load on the innermost tube at the tip."""
@@ -357,12 +357,12 @@ class PointForce(UnknownLoad):
     in_file: ClassVar[Mapping[str, Any]] = {**IN_FILES, "normal?": Entry("1", (3,)), "place_prior?": _PLACE_PRIOR}
     arc_length: float | None = attrs.field(default=None, converter=given)
     tube: int = attrs.field(default=0, converter=given)
-    prior: Any = None
+    prior: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
     normal: Any = attrs.field(default=None, converter=_normal)
     friction: float | None = attrs.field(default=None, converter=given)
-    bounds: Any = None
-    between: Any = None
-    place_prior: Any = None
+    bounds: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
+    between: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
+    place_prior: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()

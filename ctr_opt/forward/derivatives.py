@@ -62,9 +62,9 @@ def sensitivity(solved: Solved, of: Any, wrt: str | Sequence[str], order: int, s
 
 def actuator_wrench(solved: Solved, tube: int, side: int) -> tuple[float, float]:
     """Force and torque of the actuator on a tube's base."""
-    wanted = output(("actuator_wrench", tube), solved.configuration)
+    wanted, moving = output(("actuator_wrench", tube), solved.configuration), _joints(solved, "translations")
     assert wanted.tube is not None
-    force, torque = derivatives(solved, wanted, _joints(solved, "translations"), side=side, at=wanted.tube).value
+    force, torque = derivatives(solved, wanted, moving, side=_checked(side), at=wanted.tube).value
     return float(force), float(torque)
 
 

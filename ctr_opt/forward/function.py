@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..checks import Array, array
+from ..checks import Array, array, whole
 from ..errors import DefinitionError
 from ..mechanics.fields import material_frame
 from ..mechanics.state import State, slices
@@ -34,9 +34,9 @@ def forward_function(robot: Robot, initial: Any, wrt: Any, along: Any, steps: An
         raise DefinitionError(f"initial = {initial!r} must be an Equilibrium of this problem's robot")
     if isinstance(wrt, str):
         raise DefinitionError(f"wrt = {wrt!r} must be a list of names, like wrt=[{wrt!r}]")
-    if steps is not None and (not isinstance(steps, int) or steps < 1):
-        raise DefinitionError(f"steps = {steps!r} must be a whole number, at least 1")
-    return _forward_map(initial.solved(), wrt, array(along if len(along) else np.zeros(0), "along", (None,)), steps)
+    count = None if steps is None else whole(steps, "steps", 1)
+    places = np.zeros(0) if np.shape(along) == (0,) else array(along, "along", (None,), unit="m")
+    return _forward_map(initial.solved(), wrt, places, count)
 
 
 def _forward_map(solved: Solved, wrt: Sequence[str], along: Array, steps: int | None) -> ca.Function:

@@ -13,7 +13,6 @@ from ..errors import DefinitionError, SolveError
 from ..forward.batch.rows import rows_of_loads
 from ..forward.equilibrium import Equilibrium
 from ..forward.problem import ForwardProblem
-from ..forward.solver import as_loads
 from ..loads.kind import Load
 from ..robot.actuation import Actuation, actuation_of, joints_of
 from .limits import Allowed, JointLimits
@@ -74,8 +73,8 @@ class InverseSolver:
         self, targets: Sequence[Target], loads: Sequence[Any], initial: Equilibrium | None, step: Any, throw: bool
     ) -> InverseKinematicsPath:
         """The path through the targets in joint steps of at most ``step``, from ``initial`` or the best start."""
-        rows = [entry if isinstance(entry, Load) else as_loads(entry) for entry in as_loads(loads)]
-        searches = [self.search(*row) for row in zip(targets, rows_of_loads(rows, len(targets)), strict=True)]
+        rows = rows_of_loads(loads, len(targets), "targets")
+        searches = [self.search(*row) for row in zip(targets, rows, strict=True)]
         longest = np.repeat(array(step, "longest_step", (2,), above=0.0), len(self.robot.tubes))
         if initial is None:
             path = self._from_anywhere(searches, longest)

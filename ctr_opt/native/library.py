@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import threading
 from functools import cache, cached_property, partial
 
 from ..mechanics.kind import Kind
@@ -23,6 +24,7 @@ class Library:
         self._native: Native | None = None
         self._build: compilation.Build | None = None
         self._asked = 0
+        self._counting = threading.Lock()
 
     @cached_property
     def _source(self) -> compilation.Source:
@@ -45,11 +47,13 @@ class Library:
         return self._native
 
     def _look(self) -> None:
-        self._asked += 1
+        with self._counting:  # a count that two threads skip would never be met
+            self._asked += 1
+            asked = self._asked
         library = None
-        if self._asked == 1:
+        if asked == 1:
             library = compilation.kept(self._name, self._source)
-        elif self._asked == _ENOUGH and compilation.compiler() is not None:
+        elif asked == _ENOUGH and compilation.compiler() is not None:
             _ = self._source.text  # written here, as CasADi's symbols belong to one thread
             self._build = compilation.Build(self._name, self._source)
         elif self._build is not None and self._build.ready():

@@ -15,7 +15,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Array, array, index, number
+from ..checks import Array, array, index, number, whole
 from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..layout.observables import Distal, Observable, Observed, ObservedList, Somewhere, Stacked
@@ -115,7 +115,7 @@ class Predictions:
     ) -> None:
         if not experiments:
             raise DefinitionError("experiments is empty")
-        self.robot, self.refinements = robot, index(refinements, "refinements")
+        self.robot, self.refinements = robot, whole(refinements, "refinements", 0)
         kind = kind_of(load for _, loads in experiments for load in loads)
         self._native = library(len(robot.tubes), kind).built()
         self.observables = list(observables)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import Array, array, choice, index
+from ..checks import Array, array, choice, whole
 from ..errors import DefinitionError
 from .precurvature import SampledCurvature
 
@@ -64,8 +64,7 @@ def precurvature_from_curve(
     from scipy.interpolate import CubicSpline
 
     choice(framing, "framing", ("bishop", "frenet"))
-    if index(samples, "samples") < 5:
-        raise DefinitionError(f"samples = {samples!r} must be at least 5")
+    samples = whole(samples, "samples", 5)
     spline = _spline_of_function(curve, interval) if callable(curve) else _spline_of_points(curve)
     t = np.linspace(spline.t[0], spline.t[-1], max(_FINE, _FINER * len(spline.t)))
     points, first, second = (np.asarray(spline(t, n)) for n in range(3))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from ..checks import Array, bounded
+from ..checks import Array, bounded, counted
 from .newton import Newton, NewtonResult, System, newton
 
 
@@ -39,7 +39,7 @@ class Homotopy:
 
     first_step: float = attrs.field(default=0.25, validator=bounded(above=0.0, most=1.0))
     smallest_step: float = attrs.field(default=1e-5, validator=bounded(above=0.0, most=1.0))
-    max_steps: int = attrs.field(default=400, validator=bounded(least=1.0))
+    max_steps: int = attrs.field(default=400, validator=counted(1))
 
 
 @attrs.frozen(eq=False)

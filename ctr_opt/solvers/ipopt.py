@@ -13,7 +13,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from ..checks import Array, bounded, choice
+from ..checks import Array, bounded, choice, counted
 from ..transcription.nlp import Nlp
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Ipopt:
     """
 
     tolerance: float = attrs.field(default=1e-10, validator=bounded(above=0.0))
-    max_iterations: int = attrs.field(default=100, validator=bounded(above=0.0))
+    max_iterations: int = attrs.field(default=100, validator=counted(1))
     start: str | None = attrs.field(default=None, validator=_start)
 
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import attrs
 import numpy as np
 
-from ..checks import Array, bounded
+from ..checks import Array, bounded, counted
 from ..transcription.closure import NEGLIGIBLE, newton_correction
 
 
@@ -51,7 +51,7 @@ class Newton:
     1.0
     """
 
-    max_iterations: int = attrs.field(default=30, validator=_POSITIVE)
+    max_iterations: int = attrs.field(default=30, validator=counted(1))
     contraction: float = attrs.field(default=1.0, validator=_POSITIVE)
     shortest_step: float = attrs.field(default=1e-3, validator=_POSITIVE)
     negligible: float = attrs.field(default=NEGLIGIBLE, validator=_POSITIVE)

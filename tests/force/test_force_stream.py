@@ -509,7 +509,7 @@ def test_a_contact_that_moves_is_followed(scene):
         ({"drift": {"moment": 1.0}}, "must be a mapping with the keys force"),
         ({"drift": -1.0}, "must be positive"),
         ({"horizon": 2.5}, "horizon = 2.5 must be a whole number"),
-        ({"horizon": 0}, "horizon = 0 must be a finite number, at least 1"),
+        ({"horizon": 0}, "horizon = 0 must be a whole number, at least 1"),
         ({"outlier": 0.0}, "outlier = 0 must be"),
     ],
 )

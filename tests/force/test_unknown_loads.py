@@ -147,5 +147,5 @@ def test_loads_for_which_no_force_is_defined():
     """As of shapes: a load that is a function of s has no work in what is added when its tube grows."""
     load = ctr.DistributedLoad(lambda s: np.array([0.1, 0.0, s]), start=0.01)
     experiment = ctr.Experiment(ctr.Actuation([0.0], [-0.17]), [load], [ctr.ForceMeasurement(0, 0.0, sigma=1.0)])
-    with pytest.raises(ctr.DefinitionError, match=r"a load is given as a function of s, .* give it as a table"):
+    with pytest.raises(ctr.DefinitionError, match=r"a load is given as a function of s, .* give the load as a table"):
         ctr.CalibrationProblem(small_robot(1), experiment, ["base.translation"]).solve()

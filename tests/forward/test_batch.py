@@ -152,3 +152,24 @@ def test_a_buckled_column_keeps_its_plane_unmarked():
     problem = ctr.ForwardProblem(rod(length, 0.02, 0.015), compiled=False)
     loads = [[ctr.PointWrench([0.0, 0.0, -times * critical])] for times in (1.15, 1.2, 1.3, 1.2)]
     assert not problem.solve_many([held()] * 4, loads).snapped.any()
+
+
+@pytest.mark.parametrize(
+    ("actuations", "loads", "message"),
+    [
+        (None, [], "actuations = None must be a list of Actuations, or a pair of rotations and translations"),
+        (ctr.Actuation([0.0], [0.0]), [], "actuations = Actuation.* must be a list of Actuations"),
+        (
+            [ctr.Actuation([0.0], [0.0])],
+            ctr.PointWrench(),
+            "loads = PointWrench.* must be a list of loads for all actu",
+        ),
+        ([ctr.Actuation([0.0], [0.0])], [5], r"loads\[0\] = 5 must be a list of loads"),
+        ([ctr.Actuation([0.0], [0.0])], [[5]], r"loads\[0\]\[0\] = 5 must be a load"),
+        ([ctr.Actuation([0.0], [0.0])], [[], []], "loads has 2 entries, but there are 1 actuations"),
+    ],
+)
+def test_what_is_no_row_is_refused(actuations, loads, message):
+    rod = ctr.Tube("rod", 2e-3, 0.0, ctr.Straight(0.1), bending_stiffness=0.05, torsional_stiffness=0.04)
+    with pytest.raises(ctr.DefinitionError, match=message):
+        ctr.ForwardProblem(ctr.Robot([rod])).solve_many(actuations, loads)

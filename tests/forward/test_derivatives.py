@@ -453,6 +453,8 @@ def test_wrong_names_are_told(simple, of, wrt, message):
 def test_other_wrong_input(simple):
     with pytest.raises(ctr.DefinitionError, match="side = 0 must be 1 or -1"):
         simple.jacobian(side=0)
+    with pytest.raises(ctr.DefinitionError, match="side = 5 must be 1 or -1"):
+        simple.actuator_wrench(0, side=5)
     with pytest.raises(ctr.DefinitionError, match="order = 3 must be 1 or 2"):
         simple.sensitivity("energy", "rotations", order=3)
     made, actuation = flush()

@@ -166,16 +166,26 @@ def test_pickle(forward, solved):
     np.testing.assert_array_equal(one["tip_position"], two["tip_position"])
 
 
+def test_counts_may_be_integers_of_numpy(solved):
+    assert ctr.ForwardProblem(TWO).function(solved, along=np.array([0.01]), steps=np.int64(3)).n_out() == 5
+
+
 def test_wrong_input(solved):
     problem = ctr.ForwardProblem(TWO)
     with pytest.raises(ctr.DefinitionError, match="must be an Equilibrium of this problem's robot"):
         ctr.ForwardProblem(rod()).function(solved)
     with pytest.raises(ctr.DefinitionError, match="must be a list of names"):
         problem.function(solved, "rotations")
-    with pytest.raises(ctr.DefinitionError, match="no parameter"):
+    with pytest.raises(ctr.DefinitionError, match="is not a parameter"):
         problem.function(solved, ["rotation"])
     with pytest.raises(ctr.DefinitionError, match="steps = 0"):
         problem.function(solved, steps=0)
+    with pytest.raises(ctr.DefinitionError, match="steps = True must be a whole number, at least 1"):
+        problem.function(solved, steps=True)
+    with pytest.raises(ctr.DefinitionError, match=r"along has shape \(\)"):
+        problem.function(solved, along=0.05)
+    with pytest.raises(ctr.DefinitionError, match="along = None must be numbers"):
+        problem.function(solved, along=None)
     wave = ctr.DistributedLoad(lambda s: [np.cos(20.0 * s), 0.0, 0.0])
     waved = problem.solve(START, [wave])
     with pytest.raises(ctr.DefinitionError, match="given as a function of s"):

@@ -334,9 +334,11 @@ def wrong(problem, shape):
         "a shape outside": (lambda: problem.solve([0, 0, 0.1], (), beyond), ["initial", "base of tube 0"]),
         "no targets": (lambda: problem.solve_path(np.zeros((0, 3))), ["targets is empty"]),
         "no steps": (lambda: problem.solve_path([shape.tip_position], longest_step=(0.0, 1.0)), ["longest_step"]),
-        "loads of others": (lambda: problem.solve_path([shape.tip_position], [[], []]), ["loads has 2", "1"]),
+        "loads of others": (lambda: problem.solve_path([shape.tip_position], [[], []]), ["loads has 2", "1 targets"]),
         "no list of loads": (lambda: problem.solve_path([shape.tip_position], None), ["loads = None", "list of loads"]),
-        "no list in a list": (lambda: problem.solve_path([shape.tip_position], [None]), ["loads = None"]),
+        "no list in a list": (lambda: problem.solve_path([shape.tip_position], [None]), ["loads[0] = None"]),
+        "one load": (lambda: problem.solve_path([shape.tip_position], ctr.PointWrench()), ["loads = Point", "targets"]),
+        "a number for a load": (lambda: problem.solve_path([shape.tip_position], [[5]]), ["loads[0][0] = 5"]),
         "a load beyond its tube": (
             lambda: problem.solve([0, 0, 0.1], [ctr.PointWrench(force=[0.01, 0, 0], arc_length=0.6)]),
             ["loads[0]", "0.6 m", "tube 0", "0.4629 m"],

@@ -117,7 +117,7 @@ def test_what_is_no_curve_is_refused(arguments, words):
 def test_wrong_settings_are_refused():
     with pytest.raises(ctr.DefinitionError, match="framing = 'frennet' must be 'bishop' or 'frenet'"):
         ctr.precurvature_from_curve(helix, framing="frennet")
-    with pytest.raises(ctr.DefinitionError, match="samples = 3 must be at least 5"):
+    with pytest.raises(ctr.DefinitionError, match="samples = 3 must be a whole number, at least 5"):
         ctr.precurvature_from_curve(helix, samples=3)
     with pytest.raises(ctr.DefinitionError, match="interval"):
         ctr.precurvature_from_curve(helix, interval=(1.0, 0.0))
