@@ -15,7 +15,6 @@ from ..checks import Array
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
 from ..loads.kind import Load
-from ..mechanics.kind import built_once
 from ..native.abi import Failure, Goal, Head
 from ..native.calls import LoadRows, Native, robot_table
 from ..robot.actuation import Actuation
@@ -219,6 +218,7 @@ class CompiledRecord:
         self.robot, self._actuation, self.loads = problem.robot, actuation, loads
         self._held = numbers
         self._time = solve_time
+        self._rates: dict[int, tuple[Array, Array] | None] = {}
         self.sizes = problem.sizes
         self.address = address
         self.start = address + problem.offset  # address of the block that another solve may start from
@@ -322,11 +322,10 @@ class CompiledRecord:
 
         None if the general solver must compute them.
         """
-        return self._tip_rates(self._innermost_at_tip if tube is None else tube)
-
-    @built_once
-    def _tip_rates(self, tube: int) -> tuple[Array, Array] | None:
-        return None if self._problem is None else self._problem.derive(self, tube)
+        carrier = self._innermost_at_tip if tube is None else tube
+        if carrier not in self._rates:
+            self._rates[carrier] = None if self._problem is None else self._problem.derive(self, carrier)
+        return self._rates[carrier]
 
     @property
     def one_sided(self) -> bool:

@@ -64,8 +64,11 @@ class Ends:
         """Find the innermost tube at a robot's tip: a fast ``of_robot(...).innermost()`` for control loops."""
         ends = _computed(robot, translations)
         last = max(ends)
-        alone = len([end for end in ends if last - end <= SAME_POINT * last]) == 1
-        return ends.index(last) if alone else cls.at(ends).innermost()
+        near = last - SAME_POINT * last
+        for end in ends:
+            if end >= near and end is not last:
+                return cls.at(ends).innermost()
+        return ends.index(last)
 
     @property
     def slack(self) -> float:

@@ -177,6 +177,12 @@ class Sizes:
         return [self.states, self.unknowns, self.at("size", 1), *map(ctypes.sizeof, _STRUCTS)]
 
 
+@cache
+def _offsets(struct: Any) -> dict[str, int]:
+    """Where the fields of a structure begin."""
+    return {name: getattr(struct, name).offset for name, *_ in struct._fields_}
+
+
 class Structure:
     """A structure at an ``address``; arrays among its ``values`` become its pointers."""
 
@@ -184,9 +190,10 @@ class Structure:
         self.values = values
         self._struct = struct()
         self.address = ctypes.addressof(self._struct)
+        offsets = _offsets(struct)
         for name, x in values.items():
             if isinstance(x, np.ndarray):  # an address, as typed pointers are slow to create
-                _ROOM.from_address(self.address + getattr(struct, name).offset).value = x.__array_interface__["data"][0]
+                _ROOM.from_address(self.address + offsets[name]).value = x.__array_interface__["data"][0]
             else:
                 setattr(self._struct, name, x)
 

@@ -24,7 +24,9 @@ def robot_table(robot: Robot) -> abi.Structure:
     """The table of a robot that the compiled solver reads."""
     shapes = [tube.shape for tube in robot.tubes]
     size = max(len(shape.coefficients) for shape in shapes)
-    padded = [np.pad(c, ((0, size - len(c)), (0, 0), (0, 0))) for c in (shape.coefficients for shape in shapes)]
+    padded = [np.zeros((size, *shape.coefficients.shape[1:])) for shape in shapes]
+    for rows, shape in zip(padded, shapes, strict=True):
+        rows[: len(shape.coefficients)] = shape.coefficients
     return abi.Structure(
         abi.Robot,
         stiffness=np.array([[getattr(tube, name) for name in Stiffness.names()] for tube in robot.tubes]),

@@ -27,18 +27,20 @@ class PiecewisePolynomial:
     @staticmethod
     def join(parts: list[PiecewisePolynomial]) -> PiecewisePolynomial:
         """Join parts one behind the other; each starts where the one before it ends."""
-        order = max(len(part.coefficients) for part in parts)
-        breaks, columns, end = [np.zeros(1)], [], 0.0
+        breaks, end = [np.zeros(1)], 0.0
         for part in parts:
             breaks.append(end + part.breaks[1:])
             end = float(breaks[-1][-1])
-            columns.append(np.pad(part.coefficients, ((0, order - len(part.coefficients)), (0, 0), (0, 0))))
-        return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(columns, axis=1))
+        orders, pieces = zip(*(part.coefficients.shape[:2] for part in parts), strict=True)
+        coefficients, first = np.zeros((max(orders), sum(pieces), 3)), 0  # many times as fast as numpy.pad
+        for part, order, count in zip(parts, orders, pieces, strict=True):
+            coefficients[:order, first : first + count] = part.coefficients
+            first += count
+        return PiecewisePolynomial(np.concatenate(breaks), coefficients)
 
     def piece(self, x: Array) -> NDArray[np.intp]:
         """Find the piece in which each ``x`` lies; outside the breaks, the first or the last."""
-        pieces = np.searchsorted(self.breaks, x, side="right") - 1
-        return np.clip(pieces, 0, self.coefficients.shape[1] - 1)
+        return np.asarray(np.searchsorted(self.breaks[1:-1], x, side="right"))
 
     def __call__(self, x: Array, piece: NDArray[np.intp]) -> Array:
         """Evaluate at each ``x`` on the given ``piece``: ``x.shape + (3,)``."""

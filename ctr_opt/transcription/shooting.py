@@ -129,8 +129,7 @@ class ShootingFunctions:
         """Evaluate the function ``name`` of ``(state, column)`` at many points at once, ``(size, k)`` each."""
         points = states.shape[1]
         count = padded(points)
-        extra = ((0, 0), (0, count - points))
-        results = self._map(name, count)(np.pad(states, extra, mode="edge"), np.pad(columns, extra, mode="edge"))
+        results = self._map(name, count)(extended(states, count), extended(columns, count))
         return tuple(result.full()[:, :points] for result in (results if isinstance(results, tuple) else (results,)))
 
     @built_once
@@ -149,13 +148,18 @@ class ShootingFunctions:
         """
         steps, width = states.shape[1], first.shape[1]
         count = padded(steps)
-        padding = [np.pad(values, ((0, 0), (0, count - steps)), mode="edge") for values in (states, columns, gaps)]
-        carried = self._carry(width, count)(first, *padding).full()[:, : steps * width]
+        longer = [extended(values, count) for values in (states, columns, gaps)]
+        carried = self._carry(width, count)(first, *longer).full()[:, : steps * width]
         return [first, *np.split(carried, steps, axis=1)]
 
 
 shooting_functions = shared_by_kind(ShootingFunctions, most=64)
 """The functions for ``(tubes, integrator, kind)``, shared by all problems."""
+
+
+def extended(values: Array, count: int) -> Array:
+    """Repeat the last column of ``values (size, k)`` up to ``count`` columns: many times as fast as ``numpy.pad``."""
+    return values[:, np.minimum(np.arange(count), values.shape[1] - 1)]
 
 
 def cut(mesh: Array, parts: NDArray[np.intp]) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..checks import Array
 from .nlp import padded
 from .second_variation import second_variation_functions
-from .shooting import Shooting
+from .shooting import Shooting, extended
 
 MARGIN = 1e-7
 """The least margin; coarse steps need a wider one, as their linear maps are only approximately symplectic."""
@@ -70,7 +70,7 @@ def count(shooting: Shooting, states: Array, least: float = MARGIN) -> tuple[Sec
     functions = second_variation_functions(layout.tubes, shooting.integrator, shooting.kind)
     size = padded(steps)
     compliance = shooting.entry[shooting.functions.entry.parts["compliance"]]
-    filled = np.pad(states, ((0, 0), (0, size - steps)), mode="edge")
+    filled = extended(states, size)
     results = functions.count(size)(filled, layout.pad(shooting.columns, size), compliance, least)
     negative, not_positive, margin = (float(results[k]) for k in (0, 1, 3))
     doubtful = results[2].full()[0, :steps] != 0.0
