@@ -1,7 +1,8 @@
 """How hard is the tip pushed, and in which direction, seen from the shape alone?
 
-Cameras give twenty points along the backbone of three tubes, with 0.2 mm of noise. The force across the tip is known to
-a few millinewtons, the force along it hardly. If that matters, give prior knowledge of the force.
+Cameras give twenty points along the backbone of three tubes, with 0.2 mm of noise. The force across the chord from
+entry point to tip is known to a few millinewtons, the force along it hardly. If that matters, give prior knowledge of
+the force.
 `python examples/force_at_the_tip.py figure.png` draws it.
 """
 
@@ -34,13 +35,13 @@ assert estimate.axes[2].standard_deviation > 20.0 * estimate.axes[0].standard_de
 # Nothing here pushes harder than some 0.3 N: that is a prior, and it tells most where the shape tells least.
 known = ctr.ForceEstimationProblem(robot, [ctr.TipForce(prior=(0.0, 0.3))]).solve(pose, seen)
 along, before = known.axes[2], estimate.axes[2]
-print(f"\nwith a prior: sd {along.standard_deviation:.3f} N along the tip, {before.standard_deviation:.3f} N without")
+print(f"\nwith a prior: sd {along.standard_deviation:.3f} N along the chord, {before.standard_deviation:.3f} N without")
 assert along.standard_deviation < estimate.axes[2].standard_deviation
 
 # The tubes' actuators turn to a degree or so and their encoders drift: that is an error of the force, too.
 loose = ctr.ForceEstimationProblem(robot, [ctr.TipForce()], rotation_sigma=0.01, translation_sigma=0.2e-3)
 drifted = loose.solve(pose, seen)
-print(f"with loose joints: sd {1e3 * drifted.axes[0].standard_deviation:.1f} mN across the tip,", end=" ")
+print(f"with loose joints: sd {1e3 * drifted.axes[0].standard_deviation:.1f} mN across the chord,", end=" ")
 print(f"{1e3 * estimate.axes[0].standard_deviation:.1f} mN with exact ones")
 assert drifted.axes[0].standard_deviation > estimate.axes[0].standard_deviation
 

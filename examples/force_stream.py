@@ -30,7 +30,7 @@ for t in times:
 truths, estimates, deviations, points = (np.array(column) for column in zip(*told, strict=True))
 error = np.sqrt((((estimates - truths) / deviations) ** 2).mean())
 print(f"{len(times)} samples, {stream.counts['dropped']} of them lost")
-print(f"standard deviations {', '.join(f'{x:.3f}' for x in deviations.mean(axis=0))} N, across and along the tip")
+print(f"standard deviations {', '.join(f'{x:.3f}' for x in deviations.mean(axis=0))} N, across and along the chord")
 print(f"errors over standard deviations: {error:.2f} (root mean square)")
 assert stream.counts["left out"] == 0
 assert 0.7 < error < 1.5

@@ -2,7 +2,7 @@
 
 A wall that pushes back in proportion to how deep it is pressed is a potential, V(p) = k d(p)^2 / 2 per arc length;
 gravity acts on the tubes by their density. Both are conservative, so the shape is a minimum of the energy: found by
-`formulation="energy"` it is known to be stable.
+`formulation="energy"` it is known to be stable. The two solves against the wall take some twenty seconds each.
 """
 
 from pathlib import Path
@@ -32,7 +32,7 @@ depth = held.position(held.arc_length)[:, 0] - PLACE
 touching = held.arc_length[depth > 0.0]
 print(f"without the wall the tip is at x = {1e3 * free.tip_position[0]:.2f} mm")
 print(f"with it, the robot lies on it from s = {1e3 * touching[0]:.0f} to {1e3 * touching[-1]:.0f} mm")
-print(f"at most {1e6 * depth.max():.0f} um deep, stable: {stable.stability_checked}")
+print(f"at most {1e3 * depth.max():.1f} mm deep, stable: {held.is_stable}")
 
 # The base holds what weight and wall leave: the wall's push is the base force less the weight.
 weight = sum(t.mass_per_length * end for t, end in zip(tubes, held.configuration.tube_ends, strict=True)) * 9.81

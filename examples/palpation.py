@@ -1,8 +1,8 @@
 """How stiff is what the tip presses on?
 
 A robot palpates: it presses with planned forces, based on an assumed stiffness, and its shape is measured. The shape
-gives the force across the tip, and the tip's position gives the depth. Together they give the stiffness, with an error.
-`python examples/palpation.py figure.png` draws it.
+gives the force across the chord from entry point to tip. The tip's position gives the depth. Together they give the
+stiffness, with an error. `python examples/palpation.py figure.png` draws it.
 """
 
 import sys

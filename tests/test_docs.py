@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ctr_opt as ctr
@@ -152,9 +153,23 @@ def test_the_code_of_the_inverse_kinematics_runs(capsys):
 
 
 def test_the_code_of_the_derivatives_runs(capsys):
-    (code,) = blocks("docs/how_to/derivatives.md", "python")
+    code = "".join(blocks("docs/how_to/derivatives.md", "python"))
     exec(code, {})
-    assert capsys.readouterr().out == "(6, 4) (6, 6) (3,) (3, 5) (2, 2)\n"
+    assert capsys.readouterr().out == "(6, 4) (6, 6) (3,) (3, 5) (2, 2)\n(10, 6, 6)\n"
+
+
+def test_the_code_of_the_contacts_runs(capsys):
+    (code,) = blocks("docs/how_to/contacts.md", "python")
+    exec(code, {})
+    assert capsys.readouterr().out == "at 120 mm, force [0.2 0.1 0. ] N\n1 contact\n"
+
+
+def test_the_code_of_the_loads_runs(capsys):
+    scope = {}
+    exec("".join(blocks("docs/how_to/loads.md", "python")), scope)
+    assert capsys.readouterr().out == "True True\nNone\n"
+    shapes = [scope[name] for name in ("pushed", "hanging", "tied", "leaning", "drifting")]
+    assert all(np.linalg.norm(shape.tip_position - scope["free"].tip_position) > 1e-4 for shape in shapes)
 
 
 def anchors(page):
