@@ -79,13 +79,13 @@ def _shape(equilibrium: Equilibrium) -> list[str]:
 
 
 def _tubes(equilibrium: Equilibrium) -> list[str]:
-    lines = ["", "  tube              end [mm]   angle at its tip [deg]   base torsion [1/m]   base torque [N mm]"]
+    lines = ["", "  tube              end [mm]   angle at its tip [deg]   base torsion [1/m]   base moment z [N mm]"]
     torques = equilibrium.last_iterate.torsional
     for i, tube in enumerate(equilibrium.robot.tubes):
         end = float(equilibrium.configuration.tube_ends[i])
         angle = float(np.rad2deg(equilibrium.tube_angle(i, end)))
         torsion = equilibrium.torsion(i, 0.0)
-        numbers = f"{1e3 * end:>8.3f}   {angle:>22.4f}   {torsion:>18.6f}   {1e3 * torques[i]:>18.6f}"
+        numbers = f"{1e3 * end:>8.3f}   {angle:>22.4f}   {torsion:>18.6f}   {1e3 * torques[i]:>20.6f}"
         lines.append(f"  {i} {tube.name[:14]:<14}  {numbers}")
     return lines
 
