@@ -4,6 +4,7 @@ import logging
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
 
@@ -115,3 +116,33 @@ def test_a_compiler_that_fails_is_told_once(fresh, caplog, tmp_path):
         assert build.result(60.0) is None
         assert not compiled(problem)
     assert len([record for record in caplog.records if "compilation failed" in record.message]) == 1
+
+
+def test_a_build_is_begun_when_threads_count_at_once(fresh):
+    """Two solves, the tenth and the eleventh, are both counted before either asks which it is."""
+    met = threading.Barrier(2, timeout=10.0)
+
+    class Count(int):
+        __hash__ = int.__hash__
+
+        def __add__(self, other):
+            return Count(int(self) + other)
+
+        def __eq__(self, other):
+            if other == 1:
+                met.wait()
+            return int(self) == other
+
+    begun = []
+    fresh.setattr(compilation, "compiler", lambda: "cc")
+    fresh.setattr(libraries, "library_source", lambda *_: "int nothing;")
+    fresh.setattr(compilation, "Build", lambda *given: begun.append(given) or _Unfinished())
+    asked = libraries.Library(1, DEAD)
+    asked._asked = Count(libraries._ENOUGH - 1)
+    threads = [threading.Thread(target=asked.ready) for _ in range(2)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert asked._asked == libraries._ENOUGH + 1
+    assert len(begun) == 1
