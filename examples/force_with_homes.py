@@ -35,14 +35,14 @@ homes = [f"tubes[{i}].{kind}_offset" for kind in ("rotation", "translation") for
 fit = ctr.CalibrationProblem(robot, experiments, homes).solve()
 print(fit.report())
 
-# A force at the tip. fit.actuation adds the homes to the joints as read, and fit= counts the errors of the homes.
+# A force at the tip. fit.actuation adds the homes to the joint readings, and fit= counts the errors of the homes.
 force, rotations, translations = np.array([0.1, -0.05, 0.05]), [0.0, 1.0, -1.0], [-0.3, -0.2, -0.1]
 points = seen(rotations, translations, [ctr.PointWrench(force)])
 touch = ctr.ForceEstimationProblem(fit.robot, ctr.TipForce())
 estimate = touch.solve(fit.actuation(rotations, translations), points, fit=fit)
 print("\n" + estimate.report())
 
-# Joints as read are refused beside the fit. Without the fit they are accepted: wrong forces that look right.
+# Joint readings are refused beside the fit. Without the fit they are accepted: wrong forces that look right.
 read = ctr.Actuation(rotations, translations)
 try:
     touch.solve(read, points, fit=fit)

@@ -57,6 +57,7 @@ if len(sys.argv) > 1:
     for label, (positions, style) in paths.items():
         top.plot(1e3 * positions[:, 0], 1e3 * positions[:, 1], style, label=label)
     top.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", title="Tip, seen along z")
+    top.locator_params(axis="x", nbins=6)
     top.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), frameon=False)
     after = np.vstack((free.actuations[half], replanned.actuations))
     for k, tube in enumerate(robot.tubes):

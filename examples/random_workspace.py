@@ -56,7 +56,7 @@ assert len(snaps) == 2
 if len(sys.argv) > 1:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 3.1), layout="constrained")
+    figure = Figure(figsize=(9.0, 2.7), layout="constrained")
     cloud, loop = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     cloud.plot(*1e3 * tips[:, [2, 0]].T, ",", color="#0072B2", alpha=0.5)
     cloud.set(xlabel="z [mm]", ylabel="x [mm]", aspect="equal", title=f"{count:,} tips, seen along y")

@@ -109,8 +109,16 @@ def test_the_readme_has_exactly_two_commands():
     assert test.strip().endswith("pytest")
 
 
+def _experiments():
+    """A table of ten experiments with the columns that the calibration file of the page has standard deviations for."""
+    names = ["rotation_0", "rotation_1", "translation_0", "translation_1"]
+    names += [f"{what}_{axis}" for what in ("tip", "direction", "base_force", "base_moment") for axis in "xyz"]
+    rows = [f"{k},0,-0.15,-0.03,0.05,0,0.15,0,0,1,0.1,0,0,0,0,0" for k in range(10)]
+    return "\n".join([",".join(names), *rows, ""])
+
+
 def test_the_files_in_the_docs_load(tmp_path):
-    robot, problem, plan, force, unknown = blocks("docs/reference/files.md", "toml")
+    robot, problem, plan, calibration, force, unknown = blocks("docs/reference/files.md", "toml")
     second = robot[robot.index("[[tubes]]") :].replace("inner", "outer").replace("1.25 mm", "2 mm")
     second = second.replace("1.75 mm", "2.4 mm").replace('outer_diameter = "2 mm"', 'inner_diameter = "2 mm"', 1)
     second = re.sub(r'outer_diameter = "2 mm".*\n', "", second)
@@ -122,6 +130,10 @@ def test_the_files_in_the_docs_load(tmp_path):
     (tmp_path / "plan.toml").write_text(plan)
     (tmp_path / "plan.csv").write_text(*blocks("docs/reference/files.md", "csv"))
     assert len(ctr.load_plan(tmp_path / "plan.toml").problems) == 1
+    (tmp_path / "calibration.toml").write_text(calibration)
+    (tmp_path / "calibration.csv").write_text(_experiments())
+    (tmp_path / "other_load.toml").write_text(problem)
+    assert len(load_calibration(tmp_path / "calibration.toml").experiments) == 8
     (tmp_path / "force.toml").write_text(force)
     (tmp_path / "points.csv").write_text("x [mm], y [mm], z [mm]\n0, 0, 50\n1, 0, 100\n")
     (tmp_path / "curvatures.csv").write_text("s [mm], u_x [1/m], u_y [1/m]\n20, 7, 0\n40, 7, 0.1\n")

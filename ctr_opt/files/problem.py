@@ -34,14 +34,14 @@ _TOLERANCES = {
 
 @attrs.frozen(eq=False)
 class About:
-    """Title, description and source of a file; every file except a robot file has them.
+    """Title, description and source of a file; those of a robot file are not kept.
 
     Attributes
     ----------
     path, title, description
         The file, its title, and its subject.
     source, does_not_claim
-        The source of its numbers, and what they do not claim.
+        The source of its numbers, and what they do not claim; empty if the file does not say.
     """
 
     path: Path = attrs.field(kw_only=True)
@@ -204,12 +204,13 @@ def opened(path: str | os.PathLike[str], spec: Any, on_overlap: str) -> tuple[Pa
 
 def about(file: Path, data: dict[str, Any]) -> dict[str, Any]:
     """Collect the arguments of :class:`About` from a file's contents."""
+    source = data.get("source", {})
     return {
         "path": file,
         "title": data["title"],
         "description": data.get("description", ""),
-        "source": data["source"]["text"],
-        "does_not_claim": data["source"].get("does_not_claim", ""),
+        "source": source.get("text", ""),
+        "does_not_claim": source.get("does_not_claim", ""),
     }
 
 

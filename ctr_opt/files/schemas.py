@@ -15,7 +15,7 @@ _LOADS = Entry("any", (None,), says="tables [[loads]]")
 
 _SOURCE = {"text": _TEXT, "does_not_claim?": _TEXT}
 _SOLVER = {"formulation?": _TEXT, "tolerance?": _NUMBER, "integrator?": _TEXT}
-_ABOUT: dict[str, Any] = {"title": _TEXT, "description?": _TEXT, "robot": _TEXT, "source": _SOURCE}
+_ABOUT: dict[str, Any] = {"title": _TEXT, "description?": _TEXT, "robot": _TEXT, "source?": _SOURCE}
 
 _PIECES = Entry("any", (None,), says="a list of pieces")
 ROBOT = {
