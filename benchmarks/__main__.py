@@ -51,14 +51,14 @@ def measured(work, effort, methods=None):
     names = dict.fromkeys(name for mode in modes for name in mode.prepare if methods is None or name in methods)
     for name in names:
         prepared = {mode.name: mode.prepare[name](work) for mode in modes if name in mode.prepare}
-        together = list(zip(*(each.calls for each in prepared.values()), strict=True))
+        together = list(zip(*(prepared_mode.calls for prepared_mode in prepared.values()), strict=True))
         share = attrs.evolve(effort, seconds=effort.seconds / len(together))
         seconds = np.median([fastest(calls, share) for calls in together], axis=0)
-        found = {
-            mode: Measured(float(time) / each.solves, each.error)
-            for (mode, each), time in zip(prepared.items(), seconds, strict=True)
+        measured_modes = {
+            mode: Measured(float(time) / prepared_mode.solves, prepared_mode.error)
+            for (mode, prepared_mode), time in zip(prepared.items(), seconds, strict=True)
         }
-        yield Row(f"{work.name} ({work.tubes})", work.load, name, found)
+        yield Row(f"{work.name} ({work.tubes})", work.load, name, measured_modes)
 
 
 def rows(plan):
@@ -76,20 +76,20 @@ def main(arguments=None):
     parser.add_argument("--quick", action="store_true", help="a little of everything, in less than a minute")
     parser.add_argument("--memory", type=int, metavar="SOLVES", help="warm solves for memory (100,000; quick: 100)")
     parser.add_argument("--figure", type=Path, metavar="PATH", help=f"of the figure ({FIGURE.relative_to(ROOT)})")
-    given = parser.parse_args(arguments)
-    plan = QUICK if given.quick else FULL
-    print(compilation.line(1 if given.quick else 3), flush=True)
+    options = parser.parse_args(arguments)
+    plan = QUICK if options.quick else FULL
+    print(compilation.line(1 if options.quick else 3), flush=True)
     measurements = list(rows(plan))
     print("\n".join(table(measurements, [mode.name for mode in REFERENCES], [mode.name for mode in MODES])))
     print("in brackets: largest error of the tip, mm\n", flush=True)
     for line in scaling.lines(plan.effort, plan.nested):
         print(line, flush=True)
-    solves = given.memory or (100 if given.quick else 100_000)
+    solves = options.memory or (100 if options.quick else 100_000)
     work = three_tubes("A", LOADS[0], plan.effort.neighbours)
     early, late = growth(ctr.ForwardProblem(work.robot, compiled=True), work, solves)
     print(f"resident after {solves // 10:,} warm solves: {early:.2f} MB, after {solves:,}: {late:.2f} MB", flush=True)
-    if given.figure or not given.quick:
-        transcriptions.draw(transcriptions.work(plan.figure, plan.parts), given.figure or FIGURE)
+    if options.figure or not options.quick:
+        transcriptions.draw(transcriptions.work(plan.figure, plan.parts), options.figure or FIGURE)
     return measurements
 
 

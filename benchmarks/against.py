@@ -141,14 +141,14 @@ def main(arguments=None):
     parser.add_argument("--turns", type=int, default=15, help="of each tree in each piece of work (15)")
     parser.add_argument("--only", default="", help="pieces of work with this text in their names")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
-    given = parser.parse_args(arguments)
-    if given.serve:
+    options = parser.parse_args(arguments)
+    if options.serve:
         serve()
         return
-    with Tree(ROOT) as mine, Tree(given.tree.resolve()) as other:
+    with Tree(ROOT) as mine, Tree(options.tree.resolve()) as other:
         for name in [*mine.names, "import of the package"]:
-            if given.only in name:
-                print(_row(name, np.array([_turn(name, mine, other, k) for k in range(given.turns)])), flush=True)
+            if options.only in name:
+                print(_row(name, np.array([_turn(name, mine, other, k) for k in range(options.turns)])), flush=True)
 
 
 def _row(name, times):

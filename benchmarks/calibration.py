@@ -35,9 +35,9 @@ class Objective:
         self.scale = np.concatenate(
             [np.full(e.size, SCALES[e.name]) if e.name in SCALES else e.scale for e in unknowns.entries]
         )
-        self.cases = [(each.actuation, each.loads) for each in estimation.experiments]
-        self.measured = np.array([each.measurements[0].position for each in estimation.experiments])
-        self.weights = np.array([each.measurements[0].isotropic for each in estimation.experiments])
+        self.cases = [(experiment.actuation, experiment.loads) for experiment in estimation.experiments]
+        self.measured = np.array([experiment.measurements[0].position for experiment in estimation.experiments])
+        self.weights = np.array([experiment.measurements[0].isotropic for experiment in estimation.experiments])
         self.loss = Loss("distance", 3)
         self.equilibria = estimation.equilibria(unknowns.initial)
         observables = [Observable("pose", place) for place in PLACES]
@@ -51,8 +51,8 @@ class Objective:
         self.equilibria = [
             problem.solve(*case, initial=before) for case, before in zip(self.cases, self.equilibria, strict=True)
         ]
-        told = self.model.moved(robot, self.joints).at([each.unknowns for each in self.equilibria])
-        misfit = np.einsum("epij,epj->epi", self.weights, Stacked.of(told.observed).value[..., 3] - self.measured)
+        values = self.model.moved(robot, self.joints).at([shape.unknowns for shape in self.equilibria])
+        misfit = np.einsum("epij,epj->epi", self.weights, Stacked.of(values.observed).value[..., 3] - self.measured)
         self.evaluations += 1
         return float(self.loss.evaluate((misfit**2).sum(axis=-1))[0].sum())
 
@@ -85,19 +85,23 @@ def simplex(start):
     return np.vstack((start, start + 0.05 * np.eye(len(start))))
 
 
-def ours(given, method, experiments=None):
+def ours(calibration, method, experiments=None):
     """Seconds and objective of a fit, compiled beforehand."""
-    problem = ctr.CalibrationProblem(given.robot, experiments or given.experiments, given.parameters, loss="distance")
+    problem = ctr.CalibrationProblem(
+        calibration.robot, experiments or calibration.experiments, calibration.parameters, loss="distance"
+    )
     begin = perf_counter()
     fit = problem.solve(method=method)
     return perf_counter() - begin, fit.iterations, fit.objective
 
 
-def compare(given, repeats):
-    ours(given, "simultaneous")  # builds the library
-    rows = {name: min(ours(given, name) for _ in range(repeats)) for name in ("simultaneous", "reduced")}
+def compare(calibration, repeats):
+    ours(calibration, "simultaneous")  # builds the library
+    rows = {name: min(ours(calibration, name) for _ in range(repeats)) for name in ("simultaneous", "reduced")}
     least = min(row[2] for row in rows.values())
-    estimation = ctr.CalibrationProblem(given.robot, given.experiments, given.parameters, loss="distance")._estimation
+    estimation = ctr.CalibrationProblem(
+        calibration.robot, calibration.experiments, calibration.parameters, loss="distance"
+    )._estimation
     objective = Objective(estimation)
     start = simplex(estimation.unknowns.initial / objective.scale)
     limits = {"maxfev": MOST, "maxiter": MOST, "xatol": 1e-9, "fatol": 1e-9}
@@ -108,11 +112,11 @@ def compare(given, repeats):
     return rows, least
 
 
-def growth(given, counts):
+def growth(calibration, counts):
     """Seconds of a fit and MB resident after it, for this number of experiments."""
     for count in counts:
-        experiments = [given.experiments[k % len(given.experiments)] for k in range(count)]
-        seconds, iterations, _ = ours(given, "simultaneous", experiments)
+        experiments = [calibration.experiments[k % len(calibration.experiments)] for k in range(count)]
+        seconds, iterations, _ = ours(calibration, "simultaneous", experiments)
         yield count, seconds, iterations, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
@@ -120,8 +124,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--most", type=int, default=5120, help="experiments at most")
     given_arguments = parser.parse_args()
-    given = load_calibration(FILE)
-    rows, least = compare(given, 5)
+    calibration = load_calibration(FILE)
+    rows, least = compare(calibration, 5)
     first = rows["simultaneous"][0]
     head = ("method", "time", "iterations or evaluations", "relative excess of the objective")
     print(f"| {' | '.join(head)} | time relative to simultaneous |")
@@ -131,9 +135,9 @@ def main():
     print("\n| experiments | time | iterations | time per experiment and iteration | peak memory |")
     print("| ---: | ---: | ---: | ---: | ---: |")
     counts = [c for c in (80, 320, 1280, 5120) if c <= given_arguments.most]
-    for count, seconds, iterations, memory in growth(given, counts):
-        each = 1e6 * seconds / count / max(iterations, 1)
-        print(f"| {count} | {seconds:.2f} s | {iterations} | {each:.0f} us | {memory:.0f} MB |", flush=True)
+    for count, seconds, iterations, memory in growth(calibration, counts):
+        microseconds = 1e6 * seconds / count / max(iterations, 1)
+        print(f"| {count} | {seconds:.2f} s | {iterations} | {microseconds:.0f} us | {memory:.0f} MB |", flush=True)
 
 
 if __name__ == "__main__":

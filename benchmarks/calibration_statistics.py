@@ -60,11 +60,11 @@ def central(distribution):
     return distribution.ppf(0.5 - 0.5 * BAND), distribution.isf(0.5 - 0.5 * BAND)
 
 
-def at_truth(given):
+def at_truth(calibration):
     """Evaluate the true parameters on the measurements: shapes, and information."""
-    values = given.truth["values"]
-    parameters = [ctr.Parameter(name, initial=values[name]) for name in given.parameters]
-    return ctr.CalibrationProblem(given.robot, given.experiments, parameters, compiled=True).nominal()
+    values = calibration.truth["values"]
+    parameters = [ctr.Parameter(name, initial=values[name]) for name in calibration.parameters]
+    return ctr.CalibrationProblem(calibration.robot, calibration.experiments, parameters, compiled=True).nominal()
 
 
 def seen(experiment, shape):
@@ -84,46 +84,53 @@ def measured(experiments, exact, sigma, rng):
 
 def repeat(repetitions, loss="squared", seed=1):
     """Fit to this number of sets of noise."""
-    given = load_calibration(FILE)
-    truth = at_truth(given)
-    exact = np.array([seen(*pair) for pair in zip(given.experiments, truth.equilibria, strict=True)])
-    sigma = np.array(given.sigma["position"])
+    calibration = load_calibration(FILE)
+    truth = at_truth(calibration)
+    exact = np.array([seen(*pair) for pair in zip(calibration.experiments, truth.equilibria, strict=True)])
+    sigma = np.array(calibration.sigma["position"])
     errors, deviations, nees, p_values = [], [], [], []
     for k in range(repetitions):
-        data = measured(given.experiments, exact, sigma, np.random.default_rng([seed, k]))
-        fit = ctr.CalibrationProblem(given.robot, data, given.parameters, loss=loss, compiled=True).solve()
+        data = measured(calibration.experiments, exact, sigma, np.random.default_rng([seed, k]))
+        fit = ctr.CalibrationProblem(calibration.robot, data, calibration.parameters, loss=loss, compiled=True).solve()
         error = fit.estimates - truth.estimates
         errors.append(error)
         deviations.append(fit.deviations)
         nees.append(error @ np.linalg.solve(fit.covariance, error))
         p_values.append(fit.p_value)
-    found = map(np.array, (errors, deviations, nees, p_values))
-    return Repetitions(truth.labels, np.sqrt(np.diag(truth.covariance_assumed)), *found)
+    samples = map(np.array, (errors, deviations, nees, p_values))
+    return Repetitions(truth.labels, np.sqrt(np.diag(truth.covariance_assumed)), *samples)
 
 
-def table(found):
+def table(repetitions):
     """Lines of a table in Markdown, a row for each number."""
     yield "| parameter | Cramer-Rao bound | coverage | RMSE / bound | bias / bound |"
     yield "| --- | ---: | ---: | ---: | ---: |"
-    rows = zip(found.labels, found.bound, found.coverage, found.efficiency, found.bias, strict=True)
+    rows = zip(
+        repetitions.labels,
+        repetitions.bound,
+        repetitions.coverage,
+        repetitions.efficiency,
+        repetitions.bias,
+        strict=True,
+    )
     for label, bound, coverage, efficiency, bias in rows:
         factor, unit = unit_of(label)
         yield f"| `{label}` | {factor * bound:.3g} {unit} | {coverage:.1%} | {efficiency:.3f} | {bias:+.3f} |"
 
 
-def joint(found):
+def joint(repetitions):
     """Summarize all numbers together in a line."""
-    count, numbers = found.errors.shape
+    count, numbers = repetitions.errors.shape
     low, high = central(chi2(numbers * count))
-    return f"joint NEES: {found.nees.mean():.3f}, 99.9 % band {low / count:.3f} to {high / count:.3f}"
+    return f"joint NEES: {repetitions.nees.mean():.3f}, 99.9 % band {low / count:.3f} to {high / count:.3f}"
 
 
-def rejections(found):
+def rejections(repetitions):
     """Summarize the residuals' chi-square in lines."""
-    count = len(found.p_values)
+    count = len(repetitions.p_values)
     for level in (1.0 - LEVEL, REJECTED):
         low, high = central(binom(count, level))
-        rejected = np.count_nonzero(found.p_values < level)
+        rejected = np.count_nonzero(repetitions.p_values < level)
         yield f"residuals rejected at {level:.3g}: {rejected} of {count}, 99.9 % band {low:.0f} to {high:.0f}"
 
 
@@ -132,14 +139,14 @@ def main():
     parser.add_argument("--repetitions", type=int, default=500)
     parser.add_argument("--loss", choices=LOSSES, default="squared")
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+    options = parser.parse_args()
     begin = perf_counter()
-    found = repeat(given.repetitions, given.loss, given.seed)
+    repetitions = repeat(options.repetitions, options.loss, options.seed)
     seconds = perf_counter() - begin
-    print(*table(found), "", joint(found), sep="\n")
-    if given.loss == "squared":  # what other losses leave is not chi-square
-        print(*rejections(found), sep="\n")
-    print(f"{seconds / given.repetitions:.3f} s a repetition")
+    print(*table(repetitions), "", joint(repetitions), sep="\n")
+    if options.loss == "squared":  # what other losses leave is not chi-square
+        print(*rejections(repetitions), sep="\n")
+    print(f"{seconds / options.repetitions:.3f} s a repetition")
 
 
 if __name__ == "__main__":

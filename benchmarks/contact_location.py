@@ -23,7 +23,7 @@ class Pressed:
     """A contact, and the result of the search for it."""
 
     arc_length: float
-    found: float
+    estimate: float
     sets: list
 
     @property
@@ -33,12 +33,12 @@ class Pressed:
 
 def robots():
     """Robots and their actuations by name."""
-    found = {}
+    robots = {}
     for name in ("a", "b"):
-        given = ctr.load_problem(f"problems/three_tubes/{name}1.toml")
-        found[name.upper()] = given.robot, given.actuation
-    found["RJW-S1"] = ctr.load_robot("problems/rjw_s1/robot.toml"), ctr.Actuation([2.356, 0.0], [-0.1547, -0.0307])
-    return found
+        problem = ctr.load_problem(f"problems/three_tubes/{name}1.toml")
+        robots[name.upper()] = problem.robot, problem.actuation
+    robots["RJW-S1"] = ctr.load_robot("problems/rjw_s1/robot.toml"), ctr.Actuation([2.356, 0.0], [-0.1547, -0.0307])
+    return robots
 
 
 def press(robot, free, actuation, rng):
@@ -61,22 +61,22 @@ def trials(robot, actuation, count, seed=1):
     free = ctr.ForwardProblem(robot, compiled=True).solve(actuation)
     problem = ctr.ForceEstimationProblem(robot, ctr.PointForce(), compiled=True)
     places = np.linspace(0.1, 1.0, POINTS) * free.length
-    found = []
+    presses = []
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         load, shape = press(robot, free, actuation, rng)
         points = shape.position(places) + SIGMA * rng.normal(size=(POINTS, 3))
         estimate = problem.solve(actuation, ctr.PositionMeasurement(places, points, SIGMA))
-        found.append(Pressed(load.arc_length, estimate.arc_length, estimate.arc_length_set))
-    return found
+        presses.append(Pressed(load.arc_length, estimate.arc_length, estimate.arc_length_set))
+    return presses
 
 
-def row(name, found):
+def row(name, presses):
     """Format a row of the table in Markdown."""
-    covered = np.mean([each.covered for each in found])
-    length = np.median([sum(end - start for start, end in each.sets) for each in found])
-    parted = np.mean([len(each.sets) > 1 for each in found])
-    error = np.median([abs(each.found - each.arc_length) for each in found])
+    covered = np.mean([press.covered for press in presses])
+    length = np.median([sum(end - start for start, end in press.sets) for press in presses])
+    parted = np.mean([len(press.sets) > 1 for press in presses])
+    error = np.median([abs(press.estimate - press.arc_length) for press in presses])
     return f"| {name} | {covered:.1%} | {1e3 * length:.1f} mm | {parted:.1%} | {1e3 * error:.1f} mm |"
 
 
@@ -84,14 +84,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+    options = parser.parse_args()
     head = ("robot", "sets that contain the place", "median length of the set", "in several intervals")
     print(f"| {' | '.join(head)} | median error of the estimate |")
     print("| --- | ---: | ---: | ---: | ---: |")
     for name, (robot, actuation) in robots().items():
         begin = perf_counter()
-        print(row(name, trials(robot, actuation, given.trials, given.seed)), flush=True)
-        print(f"{(perf_counter() - begin) / given.trials:.3f} s a trial", flush=True)
+        print(row(name, trials(robot, actuation, options.trials, options.seed)), flush=True)
+        print(f"{(perf_counter() - begin) / options.trials:.3f} s a trial", flush=True)
 
 
 if __name__ == "__main__":

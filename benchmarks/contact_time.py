@@ -9,7 +9,7 @@ import numpy as np
 
 import ctr_opt as ctr
 
-from .table import time
+from .table import time as show
 from .timing import Effort, fastest
 from .work import SEED, three_tubes
 
@@ -54,10 +54,10 @@ def lines(effort):
     yield "| robot | task | time | relative to a warm forward solve |"
     yield "| --- | --- | ---: | ---: |"
     for name in "AB":
-        found = seconds(name, effort)
-        unit = next(iter(found.values()))
-        for what, each in found.items():
-            yield f"| {name} | {what} | {time(each)} | {each / unit:.0f} |"
+        times = seconds(name, effort)
+        unit = next(iter(times.values()))
+        for what, taken in times.items():
+            yield f"| {name} | {what} | {show(taken)} | {taken / unit:.0f} |"
 
 
 def main(arguments=None):

@@ -41,10 +41,10 @@ def bump(fractions, rng):
 
 def waves(fractions, rng):
     """A bed: two waves along each axis, of half a length and more."""
-    found = np.zeros((len(fractions), 3))
+    density = np.zeros((len(fractions), 3))
     for k in (0.0, 1.0, 2.0):
-        found += np.cos(np.pi * k * fractions + rng.uniform(0.0, 2.0 * np.pi))[:, None] * rng.normal(size=3)
-    return found * [1.0, 1.0, 0.2]
+        density += np.cos(np.pi * k * fractions + rng.uniform(0.0, 2.0 * np.pi))[:, None] * rng.normal(size=3)
+    return density * [1.0, 1.0, 0.2]
 
 
 DENSITIES = {"bump": bump, "waves": waves}
@@ -71,25 +71,25 @@ def trials(robot, actuation, kind, count, seed=1):
     unit = robot.tubes[0].bending_stiffness / free.length**3
     problem = ctr.ForceEstimationProblem(robot, ctr.DistributedForce(prior=(0.0, PRIOR * unit)), compiled=True)
     places = np.linspace(0.05, 1.0, POINTS) * free.length
-    found = []
+    results = []
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         s, density, shape = press(robot, actuation, free, kind, rng)
         points = shape.position(places) + SIGMA * rng.normal(size=(POINTS, 3))
         estimate = problem.solve(actuation, ctr.PositionMeasurement(places, points, SIGMA))
         at = np.linspace(0.0, free.length, PLACES)
-        told, errors = estimate.density(at)
-        off = np.abs(told - np.column_stack([np.interp(at, s, own) for own in density.T])) / errors
+        estimated, errors = estimate.density(at)
+        off = np.abs(estimated - np.column_stack([np.interp(at, s, component) for component in density.T])) / errors
         gap = estimate.force - np.trapezoid(density, s, axis=0)
         total = gap @ np.linalg.solve(estimate.force_covariance, gap) < TOTAL
-        found.append(Trial((off < 1.96).mean(axis=0), bool(total)))
-    return found
+        results.append(Trial((off < 1.96).mean(axis=0), bool(total)))
+    return results
 
 
-def row(name, kind, found):
+def row(name, kind, results):
     """Format a row of the table in Markdown."""
-    inside = np.array([each.inside for each in found])
-    total = np.mean([each.total for each in found])
+    inside = np.array([trial.inside for trial in results])
+    total = np.mean([trial.total for trial in results])
     worst = np.quantile(inside.mean(axis=1), 0.1)
     shares = " | ".join(f"{share:.1%}" for share in inside.mean(axis=0))
     return f"| {name} | {kind} | {shares} | {worst:.0%} | {total:.1%} |"
@@ -99,12 +99,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+    options = parser.parse_args()
     print("| robot | density | inside along x | along y | along z | 10 % quantile | total inside |")
     print("| --- | --- | ---: | ---: | ---: | ---: | ---: |")
     for name, (robot, actuation) in robots().items():
         for kind in DENSITIES:
-            print(row(name, kind, trials(robot, actuation, kind, given.trials, given.seed)), flush=True)
+            print(row(name, kind, trials(robot, actuation, kind, options.trials, options.seed)), flush=True)
 
 
 if __name__ == "__main__":

@@ -81,7 +81,7 @@ def main():
     argparse.ArgumentParser(description=__doc__).parse_args()
     for file in FILES:
         if file.parent.name not in COUNTS:
-            position, direction = (np.round(each, 7).tolist() for each in tip(file))
+            position, direction = (np.round(vector, 7).tolist() for vector in tip(file))
             print(f"{file}: tip at {position} m, direction {direction}")
             continue
         s, measured = points(file)

@@ -82,7 +82,7 @@ class Wrong:
     unit: str
     size: float
     force: float
-    told: float
+    estimated: float
     exact: float
     measured: float
 
@@ -93,8 +93,8 @@ class Study:
     def __init__(self, setting, robot):
         regime = REGIMES[setting]
         self.stream = list(REGIMES).index(setting), list(ROBOTS).index(robot)
-        given = ctr.load_problem(PROBLEMS / ROBOTS[robot])
-        self.robot, self.actuation = given.robot, given.actuation
+        problem = ctr.load_problem(PROBLEMS / ROBOTS[robot])
+        self.robot, self.actuation = problem.robot, problem.actuation
         length = max(tube.length + t for tube, t in zip(self.robot.tubes, self.actuation.translations, strict=True))
         stiffness = self.robot.tubes[0].bending_stiffness
         size = 3 if regime.unknown is ctr.TipForce else 6
@@ -129,16 +129,16 @@ class Study:
             rng = np.random.default_rng([seed, *self.stream, case, k])
             truth = self.mean + self.spread * rng.normal(size=len(self.mean))
             points = self._seen(forward, truth) if self.spread.any() else exact
-            found = self.estimate(points + self.sigma * rng.normal(size=points.shape))
-            error = found.estimates - truth
+            estimate = self.estimate(points + self.sigma * rng.normal(size=points.shape))
+            error = estimate.estimates - truth
             errors.append(error)
-            nees.append(error @ np.linalg.solve(found.covariance, error))
-            p_values.append(found.p_value)
+            nees.append(error @ np.linalg.solve(estimate.covariance, error))
+            p_values.append(estimate.p_value)
         return Trials(self.at_truth.deviations, *map(np.array, (errors, nees, p_values)))
 
     def wrong(self, count, kind, seed=1):
         """The first error of a kind, along or about x or of the inner tube, at three sizes."""
-        error = next(each for each in self.at_truth.systematic if each.kind == kind)
+        error = next(one for one in self.at_truth.systematic if one.kind == kind)
         known = parameters(self.robot, self.actuation)
         for case, power in enumerate(POWERS, 1 + len(POWERS) * KINDS.index(kind)):
             size = error.size_at(power)
@@ -159,14 +159,14 @@ def row(*cells):
     return f"| {' | '.join(cells)} |"
 
 
-def of_errors(setting, robot, study, found):
+def of_errors(setting, robot, study, trials):
     """A row of the first table."""
     worst = study.at_truth.axes[2].standard_deviation / study.unit[0]
-    low, high = found.band
-    ratios = found.efficiency
-    nees = f"{found.nees.mean():.3f} ({low:.2f} to {high:.2f})"
+    low, high = trials.band
+    ratios = trials.efficiency
+    nees = f"{trials.nees.mean():.3f} ({low:.2f} to {high:.2f})"
     return row(
-        setting, robot, f"{worst:.1%}", f"{ratios.min():.3f} to {ratios.max():.3f}", nees, f"{found.rejected:.1%}"
+        setting, robot, f"{worst:.1%}", f"{ratios.min():.3f} to {ratios.max():.3f}", nees, f"{trials.rejected:.1%}"
     )
 
 
@@ -184,19 +184,19 @@ def main():
     parser.add_argument("--trials", type=int, default=2000)
     parser.add_argument("--wrong", type=int, default=1000, help="trials of each size of each error of the model")
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+    options = parser.parse_args()
     begin = perf_counter()
     studies = {(setting, robot): Study(setting, robot) for setting in REGIMES for robot in ROBOTS}
     print(row("estimated", "robot", "largest sd", "RMSE / bound", "NEES (99.9 % band)", "false alarms"))
     print(row("---", "---", *["---:"] * 4))
     for key, study in studies.items():
-        print(of_errors(*key, study, study.trials(given.trials, given.seed)), flush=True)
+        print(of_errors(*key, study, study.trials(options.trials, options.seed)), flush=True)
     print()
     print(row("estimated", "robot", "error", "sizes", "force added", "exact", "measured"))
     print(row("---", "---", "---", *["---:"] * 4))
     for (setting, robot), study in studies.items():
         for kind in KINDS if REGIMES[setting].unknown is ctr.TipForce else ():
-            print(of_wrong(setting, robot, list(study.wrong(given.wrong, kind, given.seed))), flush=True)
+            print(of_wrong(setting, robot, list(study.wrong(options.wrong, kind, options.seed))), flush=True)
     print(f"{perf_counter() - begin:.0f} s")
 
 

@@ -29,7 +29,7 @@ BURSTS, TOGETHER = 0.005, 10  # a sample, in a rough stream: how often wild ones
 JUMPS, FORCE, TURN = 250, 10.0, 1.0  # samples between; characteristic forces, in turn with rad of each tube at most
 
 
-class Found:
+class Record:
     """Processor times of updates and of warm forward solves, s; of the force squared errors, N^2, and these over their
     covariance; which updates were of wild samples, which were left out; MB after so many.
     """
@@ -75,10 +75,10 @@ def jumped(problem, actuation, force, far, shape, rng):
     """A force this far from another, in a direction that keeps an equilibrium on the same branch."""
     while True:
         direction = rng.normal(size=3)
-        found = force + far * direction / np.linalg.norm(direction)
+        force_there = force + far * direction / np.linalg.norm(direction)
         with suppress(ctr.SolveError):
-            problem.solve(actuation, [ctr.PointWrench(found)], initial=shape)
-            return found
+            problem.solve(actuation, [ctr.PointWrench(force_there)], initial=shape)
+            return force_there
 
 
 def followed(problem, actuation, force, shape):
@@ -89,7 +89,7 @@ def followed(problem, actuation, force, shape):
         return problem.solve(actuation, [ctr.PointWrench(force)])
 
 
-def ticks(work, samples, size, rng, found, rough):
+def ticks(work, samples, size, rng, record, rough):
     """The robot's motion, and what is seen of it; the time of the forward solves is noted."""
     problem, shape = ctr.ForwardProblem(work.robot, compiled=True), work.start
     places = np.linspace(0.15, 0.9, POINTS) * shape.length
@@ -107,7 +107,7 @@ def ticks(work, samples, size, rng, found, rough):
             force = jumped(problem, actuation, force, FORCE * size, shape, rng)
         begin = thread_time()
         shape = followed(problem, actuation, force, shape)
-        found.solves[k] = thread_time() - begin
+        record.solves[k] = thread_time() - begin
         dropped, wild = rng.random() < DROPPED, wilds.noise()
         points = shape.position(places) + SIGMA * rng.normal(size=(POINTS, 3)) + (0.0 if wild is None else wild)
         yield Tick(t, actuation, force, None if dropped else points, wild is not None and not dropped)
@@ -127,7 +127,7 @@ def arrivals(ticks, rng):
 
 def run(samples, rough=False):
     """Run the estimator and collect the results."""
-    found, rng = Found(samples), np.random.default_rng(SEED)
+    record, rng = Record(samples), np.random.default_rng(SEED)
     work = three_tubes("B", "none", 0)
     size = work.robot.tubes[0].bending_stiffness / work.start.length**2
     places = np.linspace(0.15, 0.9, POINTS) * work.start.length
@@ -135,35 +135,35 @@ def run(samples, rough=False):
         work.robot, ctr.TipForce(), rate=RATE, drift=size * np.sqrt(2.0 / MEMORY), compiled=True
     )
     newest = None
-    for k, tick in enumerate(arrivals(ticks(work, samples, size, rng, found, rough), rng)):
+    for k, tick in enumerate(arrivals(ticks(work, samples, size, rng, record, rough), rng)):
         begin = thread_time()
         seen = None if tick.points is None else ctr.PositionMeasurement(places, tick.points, SIGMA)
         estimate = estimator.update(tick.actuation, seen, tick.time)
-        found.updates[k] = thread_time() - begin
+        record.updates[k] = thread_time() - begin
         newest = tick if newest is None or tick.time >= newest.time else newest
         error = estimate.force - newest.force
-        found.errors[k], found.nees[k] = error @ error, error @ np.linalg.solve(estimate.force_covariance, error)
-        found.wild[k], found.out[k] = tick.wild, estimate.status == "left out"
+        record.errors[k], record.nees[k] = error @ error, error @ np.linalg.solve(estimate.force_covariance, error)
+        record.wild[k], record.out[k] = tick.wild, estimate.status == "left out"
         if k + 1 in (samples // 10, samples - DELAY):
-            found.memory[k + 1] = resident()
-    return estimator, found
+            record.memory[k + 1] = resident()
+    return estimator, record
 
 
 def lines(samples, rough=False):
     """Summarize the results in words."""
-    estimator, found = run(samples, rough)
-    done = np.isfinite(found.updates)  # a late sample may still be waiting
-    wild, out, updates = found.wild[done], found.out[done], 1e3 * found.updates[done]
-    solve = 1e3 * np.median(found.solves)
+    estimator, record = run(samples, rough)
+    done = np.isfinite(record.updates)  # a late sample may still be waiting
+    wild, out, updates = record.wild[done], record.out[done], 1e3 * record.updates[done]
+    solve = 1e3 * np.median(record.solves)
     yield "samples: " + ", ".join(f"{count} {status}" for status, count in estimator.counts.most_common())
     yield f"wild: {wild.sum()}, of them left out: {(wild & out).sum()}; others left out: {(out & ~wild).sum()}"
-    for name, own in (("an update", updates[~wild]), ("one with a wild sample", updates[wild])):
-        median, most = np.median(own), np.quantile(own, 0.99)
-        yield f"{name}: {median:.2f} ms (median), {most:.2f} ms (99 %), {own.max():.1f} ms (largest)"
+    for name, sizes in (("an update", updates[~wild]), ("one with a wild sample", updates[wild])):
+        median, most = np.median(sizes), np.quantile(sizes, 0.99)
+        yield f"{name}: {median:.2f} ms (median), {most:.2f} ms (99 %), {sizes.max():.1f} ms (largest)"
     yield f"a warm forward solve: {1e3 * solve:.0f} us; an update is {np.median(updates) / solve:.0f} of them (medians)"
-    yield f"error of the force: {np.sqrt(np.mean(found.errors[done])):.4f} N (root mean square)"
-    yield f"squared error over covariance: {np.mean(found.nees[done]):.2f} (expected: 3)"
-    yield "resident: " + ", ".join(f"{size:.1f} MB after {k:,}" for k, size in found.memory.items())
+    yield f"error of the force: {np.sqrt(np.mean(record.errors[done])):.4f} N (root mean square)"
+    yield f"squared error over covariance: {np.mean(record.nees[done]):.2f} (expected: 3)"
+    yield "resident: " + ", ".join(f"{size:.1f} MB after {k:,}" for k, size in record.memory.items())
 
 
 def main(arguments=None):
@@ -171,8 +171,8 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(prog="python -m benchmarks.force_stream", description=__doc__)
     parser.add_argument("--samples", type=int, default=10_000)
     parser.add_argument("--rough", action="store_true")
-    given = parser.parse_args(arguments)
-    for line in lines(given.samples, given.rough):
+    options = parser.parse_args(arguments)
+    for line in lines(options.samples, options.rough):
         print(line, flush=True)
 
 

@@ -40,9 +40,9 @@ def tip_force(effort):
     def from_fibre(k, initial=None):
         return problem.solve(work.targets[k], ctr.CurvatureMeasurement(places, fibres[k], NOISE), initial=initial)
 
-    def to_and_fro(pair, found, solve):
+    def to_and_fro(pair, equilibria, solve):
         there, back = pair
-        return lambda: [solve(there, found[back]), solve(back, found[there])]
+        return lambda: [solve(there, equilibria[back]), solve(back, equilibria[there])]
 
     ways = {WARM: (shapes, lambda k, initial: forward.solve(work.targets[k], work.loads, initial=initial))}
     for what, solve in (("points", from_points), ("curvatures", from_fibre)):
@@ -63,11 +63,11 @@ def _curvatures(shape, places):
 
 def lines(effort):
     """A table: times, and ratios to the warm forward solve."""
-    found = tip_force(effort)
+    times = tip_force(effort)
     yield "| robot B | time | relative to a warm forward solve |"
     yield "| --- | ---: | ---: |"
-    for name, seconds in found.items():
-        yield f"| {name} | {time(seconds)} | {seconds / found[WARM]:.1f} |"
+    for name, seconds in times.items():
+        yield f"| {name} | {time(seconds)} | {seconds / times[WARM]:.1f} |"
 
 
 def main(arguments=None):

@@ -54,16 +54,16 @@ class Bench:
         """Stable shapes of random allowed actuations."""
         rng, robot = np.random.default_rng(seed), self.problem.robot
         lengths = np.array([tube.length for tube in robot.tubes])
-        allowed, found = Allowed.of(robot, self.problem.limits), []
-        while len(found) < count:
+        allowed, shapes = Allowed.of(robot, self.problem.limits), []
+        while len(shapes) < count:
             rotations = rng.uniform(-np.pi, np.pi, len(lengths))
             actuation = ctr.Actuation(rotations, -rng.uniform(0.0, 1.0, len(lengths)) * lengths)
             if allowed.exceeded(joints_of(actuation)):
                 continue
             shape = self.exact.solve(actuation, self.loads, throw=False)
             if shape.converged and shape.is_stable:
-                found.append(shape)
-        return found
+                shapes.append(shape)
+        return shapes
 
     def moved(self, shape, rng):
         """A stable shape nearby: its tip at most 1 mm away."""
@@ -73,12 +73,12 @@ class Bench:
             step = TRACKING * rng.uniform(-1.0, 1.0, len(joints)) / weights
             for _ in range(3):
                 there = allowed.nearest(joints + step, weights)
-                found = self.exact.solve(ctr.Actuation(*np.split(there, 2)), self.loads, shape, throw=False)
-                if not (found.converged and found.is_stable):
+                shape_there = self.exact.solve(ctr.Actuation(*np.split(there, 2)), self.loads, shape, throw=False)
+                if not (shape_there.converged and shape_there.is_stable):
                     break
-                size = np.linalg.norm(found.tip_position - shape.tip_position)
+                size = np.linalg.norm(shape_there.tip_position - shape.tip_position)
                 if size <= LARGEST_STEP:
-                    return found
+                    return shape_there
                 step *= rng.uniform(0.1, 0.9) * LARGEST_STEP / size
         return shape
 
@@ -102,8 +102,8 @@ class Record:
         self.seconds.append(seconds)
         self.starts.append(answer.starts)
         if answer.converged:
-            given = (target.get(name) for name in ("target_position", "target_axis", "target_pose"))
-            self.errors.append(bench.errors(answer, Target.of(*given)))
+            values = (target.get(name) for name in ("target_position", "target_axis", "target_pose"))
+            self.errors.append(bench.errors(answer, Target.of(*values)))
         return answer
 
     @property
@@ -154,8 +154,8 @@ def warm(bench, repeats=2000):
 
 def baseline(bench, count, seed=1):
     """SciPy's trust region with differences on the same compiled solves; positions only, any order of tubes."""
-    found = [by_scipy(bench, shape.tip_position) for shape in bench.shapes(count, seed)]
-    seconds, reached = np.array(found).T
+    results = [by_scipy(bench, shape.tip_position) for shape in bench.shapes(count, seed)]
+    seconds, reached = np.array(results).T
     return float(np.median(seconds)), float(reached.mean())
 
 
@@ -170,13 +170,13 @@ def by_scipy(bench, wanted):
     shapes = [forward.solve(bench.problem.home, bench.loads)]
 
     def misfit(joints):
-        found = forward.solve(ctr.Actuation(*np.split(joints, 2)), bench.loads, shapes[-1], throw=False)
-        shapes.append(found if found.converged else shapes[-1])
+        next_shape = forward.solve(ctr.Actuation(*np.split(joints, 2)), bench.loads, shapes[-1], throw=False)
+        shapes.append(next_shape if next_shape.converged else shapes[-1])
         return (shapes[-1].tip_position - wanted) / LENGTH
 
     options = {"bounds": (least, most), "x_scale": scale, **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-12)}
-    found, seconds = timed(lambda: least_squares(misfit, start, **options))
-    return seconds, LENGTH * np.linalg.norm(found.fun) <= bench.problem.tolerances[0]
+    solution, seconds = timed(lambda: least_squares(misfit, start, **options))
+    return seconds, LENGTH * np.linalg.norm(solution.fun) <= bench.problem.tolerances[0]
 
 
 def table(count, robots):
@@ -201,12 +201,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--targets", type=int, default=10000)
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
-    given = parser.parse_args()
-    for line in table(given.targets, given.robots):
+    options = parser.parse_args()
+    for line in table(options.targets, options.robots):
         print(line, flush=True)
-    for name in given.robots:
+    for name in options.robots:
         bench = Bench.of(name, False)
-        seconds, share = baseline(bench, min(BASELINE, given.targets))
+        seconds, share = baseline(bench, min(BASELINE, options.targets))
         print(
             f"{name}: a warm solve {1e6 * warm(bench):.0f} us; SciPy {1e3 * seconds:.1f} ms median, {share:.1%} reached"
         )

@@ -100,17 +100,17 @@ def scipy(name, rates, reuse):
 def called(function, *arguments):
     """A call of a CasADi function through its buffer, and what it fills, column by column."""
     buffer, trigger = function.buffer()
-    given = [np.array(argument, float).ravel(order="F") for argument in arguments]
-    found = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
-    for i, values in enumerate(given):
+    inputs = [np.array(argument, float).ravel(order="F") for argument in arguments]
+    outputs = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
+    for i, values in enumerate(inputs):
         buffer.set_arg(i, memoryview(values))
-    for i, values in enumerate(found):
+    for i, values in enumerate(outputs):
         buffer.set_res(i, memoryview(values))
 
-    def call(_keep=(buffer, given, found)):
+    def call(_keep=(buffer, inputs, outputs)):
         trigger()
 
-    return call, found
+    return call, outputs
 
 
 def shot(start):
@@ -133,13 +133,13 @@ def native(problem, start, repeats, derivative=False):
     """Integrations by compiled code, so many in a call, on the mesh rule of its solves; what it fills comes second."""
     compiled = problem.solver.compiled_for(start.loads)
     rows, inputs = compiled._inputs(start.actuation, start.loads)
-    found = np.zeros(compiled.native.sizes.states)
-    case = (compiled._address, rows.address, inputs, start.record.start, repeats, derivative, found.ctypes.data)
+    tip = np.zeros(compiled.native.sizes.states)
+    case = (compiled._address, rows.address, inputs, start.record.start, repeats, derivative, tip.ctypes.data)
 
-    def call(_keep=(rows, start, found)):
+    def call(_keep=(rows, start, tip)):
         compiled.native.integrate(*case)
 
-    return call, found
+    return call, tip
 
 
 def package(name, compiled):
@@ -156,9 +156,9 @@ def package(name, compiled):
             action()
             return Prepared([action], worst([start.length * tip[:3]], [work.start.tip_position]), REPEATS)
         shooting, z = shot(start)
-        action, found = sweep(shooting, z)
+        action, functions = sweep(shooting, z)
         action()
-        tip = start.length * found[1].reshape(len(shooting.mesh), -1)[-1, :3]
+        tip = start.length * functions[1].reshape(len(shooting.mesh), -1)[-1, :3]
         return Prepared([action], worst([tip], [work.start.tip_position]))
 
     def linearization(work):

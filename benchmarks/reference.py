@@ -191,12 +191,12 @@ class Shooting:
             if jacobian is None:
                 jacobian, fresh = self.differences(z, residual), True
             trial = z - np.linalg.solve(jacobian, residual)
-            found = self.residual(trial)
-            contraction = np.abs(found).max() / size
+            after = self.residual(trial)
+            contraction = np.abs(after).max() / size
             if contraction >= 1.0 and fresh:
                 return None
             if contraction < 1.0:
-                z, residual = trial, found
+                z, residual = trial, after
             if contraction > CONTRACTION or not self.reuse:
                 jacobian = None
             fresh = False
@@ -227,11 +227,11 @@ def solve(tubes, actuation, load, start=None, rates=printed, rtol=RTOL, reuse=Tr
         target = min(1.0, reached + step)
         shooting = Shooting(tubes, actuation, load, rates, rtol, target, reuse)
         guess = z if before is None else z + (target - reached) / (reached - before[0]) * (z - before[1])
-        found = shooting.newton(guess, tolerance if target == 1.0 else ON_THE_WAY, jacobian)
+        solution = shooting.newton(guess, tolerance if target == 1.0 else ON_THE_WAY, jacobian)
         integrations += shooting.integrations
-        if found is not None:
+        if solution is not None:
             before, reached, step = (reached, z), target, 2.0 * step
-            z, jacobian = found if reuse else (found[0], None)
+            z, jacobian = solution if reuse else (solution[0], None)
         elif start is not None or step < SMALLEST_STEP:
             raise ArithmeticError(f"Newton's method diverges at {target:.3g} of precurvature and load")
         else:

@@ -139,8 +139,8 @@ def run(name, work, count, processes):
     """The records of ``work(0)``, ``work(1)``, ... in order."""
     records: list[dict] = []
     pool = multiprocessing.get_context("spawn").Pool(processes) if processes > 1 else None
-    for done, found in enumerate(pool.imap(work, range(count)) if pool else map(work, range(count)), start=1):
-        records.extend(found)
+    for done, records_of_one in enumerate(pool.imap(work, range(count)) if pool else map(work, range(count)), start=1):
+        records.extend(records_of_one)
         if done % 10 == 0 or done == count:
             progress(name, done, count)
     return records
@@ -190,26 +190,26 @@ def main():
     parser.add_argument("--count", type=int, help="in place of the parts' own counts")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--processes", type=int, default=1)
-    given = parser.parse_args()
-    for part in given.part or COUNTS:
-        count, begin = given.count or COUNTS[part], time.perf_counter()
+    options = parser.parse_args()
+    for part in options.part or COUNTS:
+        count, begin = options.count or COUNTS[part], time.perf_counter()
         if part == "conservative":
-            tell(part, run(part, partial(cold, "conservative", given.seed), count, given.processes))
+            tell(part, run(part, partial(cold, "conservative", options.seed), count, options.processes))
         elif part == "moments":
-            tell(part, run(part, partial(cold, "with_moments", given.seed), count, given.processes))
+            tell(part, run(part, partial(cold, "with_moments", options.seed), count, options.processes))
         elif part == "shapes":
-            tell(part, run(part, partial(warm, given.seed + 1), count // 8, given.processes))
+            tell(part, run(part, partial(warm, options.seed + 1), count // 8, options.processes))
         elif part == "memory":
-            series, seconds = memory(given.seed, count, max(1, count // 20))
+            series, seconds = memory(options.seed, count, max(1, count // 20))
             print("\nmemory, MB: " + ", ".join(f"{solves}: {size:.1f}" for solves, size in series))
             print(f"  slope over the second half {slope(series):.4f} KB a solve")
             print(f"  seconds a solve: median {np.median(seconds):.4f}, worst {max(seconds):.2f}")
         else:
-            outcomes, seconds = fuzzing.fuzz(count, given.seed)
+            outcomes, seconds = fuzzing.fuzz(count, options.seed)
             print(f"\nfuzz: {len(seconds)} files; nothing but declared errors and warnings, no hang")
             print("  " + ", ".join(f"{outcome}: {number}" for outcome, number in outcomes.most_common()))
             print(f"  seconds a file: median {np.median(seconds):.3f}, worst {max(seconds):.2f}")
-        print(f"  {part} took {time.perf_counter() - begin:.0f} s in {given.processes} process(es)", flush=True)
+        print(f"  {part} took {time.perf_counter() - begin:.0f} s in {options.processes} process(es)", flush=True)
 
 
 if __name__ == "__main__":

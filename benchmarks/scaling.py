@@ -38,7 +38,7 @@ def lines(effort, tubes):
     """Report the growth for robots with these numbers of ``tubes``."""
     works = [nested(count, "force", 0) for count in tubes]
     grid = list(product(works, LOAD_POINTS))
-    problems = [solved(*each) for each in grid]
+    problems = [solved(*point) for point in grid]
     sections, counts = [len(shape.shape.mesh) for _, shape in problems], [work.tubes for work, _ in grid]
     yield f"time as sections^a tubes^b, {len(works)} tube counts, {min(sections)} to {max(sections)} sections:"
     for name, (derivative, most) in WAYS.items():

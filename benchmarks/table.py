@@ -32,23 +32,23 @@ class Row:
     robot: str
     load: str
     method: str
-    found: dict[str, Measured]
+    measured: dict[str, Measured]
 
 
 def table(rows, references, modes):
     """Lines of Markdown; ``references`` and ``modes`` are names, ratios are against the first reference."""
     head = ["robot", "load", "work", *references, *modes]
     head += [f"{references[0]} / {mode}" for mode in modes] + [f"{mode}, integrations" for mode in modes]
-    seconds = {(row.robot, row.load, row.method, mode): m.seconds for row in rows for mode, m in row.found.items()}
+    seconds = {(row.robot, row.load, row.method, mode): m.seconds for row in rows for mode, m in row.measured.items()}
     lines = [head, ["---"] * 3 + ["---:"] * (len(head) - 3)]
     for row in rows:
         key = row.robot, row.load
-        cells = [cell(row.found.get(mode)) for mode in (*references, *modes)]
+        cells = [cell(row.measured.get(mode)) for mode in (*references, *modes)]
         unit = seconds.get((*key, AGAINST.get(row.method), references[0]), np.nan)
-        own = [seconds.get((*key, row.method, mode), np.nan) for mode in modes]
-        cells += [number(unit / each, "{:,.0f}" if unit / each >= 10 else "{:.1f}") for each in own]
+        values = [seconds.get((*key, row.method, mode), np.nan) for mode in modes]
+        cells += [number(unit / value, "{:,.0f}" if unit / value >= 10 else "{:.1f}") for value in values]
         steps = [seconds.get((*key, INTEGRATION, mode), np.nan) for mode in modes]
-        cells += [number(each / step, "{:.1f}") for each, step in zip(own, steps, strict=True)]
+        cells += [number(value / step, "{:.1f}") for value, step in zip(values, steps, strict=True)]
         lines.append([*key, row.method, *cells])
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return ["| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |" for line in lines]
@@ -64,7 +64,9 @@ def cell(measured):
 
 def time(seconds):
     """With three digits and a unit."""
-    unit, size = next(each for each in (("s", 1.0), ("ms", 1e-3), ("us", 0.0)) if seconds >= each[1])
+    unit, size = next(
+        unit_and_size for unit_and_size in (("s", 1.0), ("ms", 1e-3), ("us", 0.0)) if seconds >= unit_and_size[1]
+    )
     return f"{seconds / (size or 1e-6):.3g} {unit}"
 
 

@@ -48,8 +48,8 @@ def program(kind, configuration, steps, transcription, integrator, start):
 
     point = action()
     assert point.converged
-    given = (point.x, point.multipliers) if kind is EnergyProblem else (point.x,)
-    return action, problem.recover(*given)[0].tip[:3]
+    iterate = (point.x, point.multipliers) if kind is EnergyProblem else (point.x,)
+    return action, problem.recover(*iterate)[0].tip[:3]
 
 
 def shooting(configuration, steps, integrator, start):
@@ -61,35 +61,37 @@ def shooting(configuration, steps, integrator, start):
 
 def work(effort, parts=PARTS):
     """``{(formulation, name): [(steps, seconds, error), ...]}`` on RJW-S1 under a tip force; errors over the length."""
-    given = ctr.load_problem(ROOT / "problems" / "rjw_s1" / "fig9_loaded.toml")
-    exact = ctr.ForwardProblem(given.robot, tolerance=1e-11).solve(given.actuation, given.loads)
-    near = ctr.Actuation(given.actuation.rotations + 0.1, given.actuation.translations)
-    start = ctr.ForwardProblem(given.robot).solve(near, given.loads)
-    configuration = Configuration(given.robot, given.actuation, given.loads)
+    problem = ctr.load_problem(ROOT / "problems" / "rjw_s1" / "fig9_loaded.toml")
+    exact = ctr.ForwardProblem(problem.robot, tolerance=1e-11).solve(problem.actuation, problem.loads)
+    near = ctr.Actuation(problem.actuation.rotations + 0.1, problem.actuation.translations)
+    start = ctr.ForwardProblem(problem.robot).solve(near, problem.loads)
+    configuration = Configuration(problem.robot, problem.actuation, problem.loads)
     runs = []
-    for steps in (mesh(configuration, each) for each in parts):
+    for steps in (mesh(configuration, parts_of_step) for parts_of_step in parts):
         for i in ("RK4", "RK5", "RK8"):
             runs.append(("shooting", f"single shooting, {i}", len(steps), *shooting(configuration, steps, i, start)))
         for name, options in NAMED.items():
             for kind, title in ((EquilibriumProblem, "equilibrium"), (EnergyProblem, "energy")):
                 runs.append((title, name, len(steps), *program(kind, configuration, steps, *options, start)))
-    found = {}
+    results = {}
     seconds = fastest([action for *_, action, _ in runs], effort)
     for (title, name, steps, _, tip), time in zip(runs, seconds, strict=True):
         error = np.linalg.norm(tip - exact.tip_position / exact.length)
-        found.setdefault((title, name), []).append((steps, float(time), max(error, 1e-13)))
-    return found
+        results.setdefault((title, name), []).append((steps, float(time), max(error, 1e-13)))
+    return results
 
 
-def unit(found):
+def unit(results):
     """Seconds that times are divided by: single shooting with RK8 and the fewest steps."""
-    return found["shooting", "single shooting, RK8"][0][1]
+    return results["shooting", "single shooting, RK8"][0][1]
 
 
-def print_work(found):
-    print("| formulation | transcription | " + " | ".join(f"{n} steps" for n, *_ in next(iter(found.values()))) + " |")
-    for (title, name), rows in found.items():
-        cells = [f"{error:.0e} ({seconds / unit(found):.1f})" for _, seconds, error in rows]
+def print_work(results):
+    print(
+        "| formulation | transcription | " + " | ".join(f"{n} steps" for n, *_ in next(iter(results.values()))) + " |"
+    )
+    for (title, name), rows in results.items():
+        cells = [f"{error:.0e} ({seconds / unit(results):.1f})" for _, seconds, error in rows]
         print(f"| {title} | {name} | " + " | ".join(cells) + " |")
     print("in brackets: time over that of single shooting with RK8 and the fewest steps\n")
 
@@ -144,7 +146,7 @@ def strong():
         print(f"| {size} | " + " | ".join(cells) + " |", flush=True)
 
 
-def draw(found, path):
+def draw(results, path):
     """Error against time, a panel for each formulation; shooting is drawn in both."""
     from matplotlib.figure import Figure
 
@@ -152,9 +154,9 @@ def draw(found, path):
     panels = figure.subplots(1, 2, sharey=True, sharex=True)
     colors = dict(zip(NAMED, ("C0", "C1", "C2", "C3", "C4"), strict=True))
     for axes, title in zip(panels, ("equilibrium", "energy"), strict=True):
-        for (formulation, name), rows in found.items():
+        for (formulation, name), rows in results.items():
             _, seconds, errors = np.array(rows).T
-            times = seconds / unit(found)
+            times = seconds / unit(results)
             if formulation == "shooting":
                 style = {"RK4": ":", "RK5": "--", "RK8": "-"}[name[-3:]]
                 axes.loglog(times, errors, style, color="0.3", marker="s", ms=3, label=name)

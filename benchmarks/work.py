@@ -96,8 +96,8 @@ def plain(actuation):
 
 def three_tubes(name, load, neighbours):
     """Robot A or B in the actuation of A1 or B1."""
-    given = ctr.load_problem(ROOT / "problems" / "three_tubes" / f"{name.lower()}1.toml")
-    return Work(name, given.robot, given.actuation, load, neighbours)
+    problem = ctr.load_problem(ROOT / "problems" / "three_tubes" / f"{name.lower()}1.toml")
+    return Work(name, problem.robot, problem.actuation, load, neighbours)
 
 
 def nested(count, load, neighbours):

@@ -275,7 +275,7 @@ class Table:
     csv: Any = None
 
 
-def given(value: Any) -> Any:
+def unchecked(value: Any) -> Any:
     """A converter for fields of :class:`Checked`, which makes type checkers accept any argument."""
     return value
 

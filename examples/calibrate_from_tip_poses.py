@@ -29,15 +29,15 @@ fit = ctr.CalibrationProblem(robot, fitted, parameters, compiled=True).solve()
 print(fit.report())
 
 # The sensor shows its position and axis. Its turn about that axis is not determined, and no prediction needs it.
-assert [str(each) for each in fit.undetermined] == ["sensors.coil.rotation.z is not determined"]
+assert [str(direction) for direction in fit.undetermined] == ["sensors.coil.rotation.z is not determined"]
 assert fit.noise_accepted
 print(f"\nprecurvature of the inner tube: {fit.robot.tubes[0].precurvature[1].curvature[0]:.3f} 1/m")
 
 # How well are the others predicted? Position by position, and axis by axis.
 tested = fit.tested([poses[k] for k in held])
-errors = 1e3 * np.array([each.value for each in tested.residuals if each.measurement == 0])
+errors = 1e3 * np.array([residual.value for residual in tested.residuals if residual.measurement == 0])
 sizes = np.linalg.norm(errors, axis=1)
-angles = np.rad2deg([each.angle for each in tested.residuals if each.measurement == 1])
+angles = np.rad2deg([residual.angle for residual in tested.residuals if residual.measurement == 1])
 print(
     f"{len(sizes)} held out: {sizes.mean():.2f} mm in the mean, sd {sizes.std():.2f} mm, at most {sizes.max():.2f} mm"
 )

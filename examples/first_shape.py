@@ -49,7 +49,9 @@ if len(sys.argv) > 1:
                 label = f"{robot.tubes[i].name}, {name}"
                 view.plot(points[:, k], points[:, 2], style, color=color, lw=1.8 + 1.6 * i, label=label)
         tip, push = 1e3 * loaded.tip_position, 100.0 * np.array(loaded.loads[0].force)  # mm; 10 mm for 0.1 N
-        view.annotate("", (tip + push)[[k, 2]], tip[[k, 2]], arrowprops={"arrowstyle": "->", "color": "#D55E00", "lw": 1.8})
+        view.annotate(
+            "", (tip + push)[[k, 2]], tip[[k, 2]], arrowprops={"arrowstyle": "->", "color": "#D55E00", "lw": 1.8}
+        )
         view.plot([], [], color="#D55E00", lw=1.8, label="force")
         view.set(xlabel=f"{axis} [mm]")
         view.set_aspect("equal", adjustable="datalim")

@@ -17,17 +17,17 @@ rng = np.random.default_rng(0)
 robot = ctr.load_robot(ROBOT)
 problem, shape = ctr.ForwardProblem(robot), None
 stream = ctr.ForceEstimator(robot, ctr.TipForce(), rate=RATE, drift=0.3)
-times, told = np.arange(90) / RATE, []
+times, rows = np.arange(90) / RATE, []
 for t in times:
     actuation = ctr.Actuation([0.5 * np.sin(t), 1.0, -1.0 + 0.3 * t], [-0.3, -0.2, -0.1])
     force = TOUCH * np.interp(t, [1.0, 1.2, 1.9, 2.1], [0.0, 1.0, 1.0, 0.0])
     shape = problem.solve(actuation, [ctr.PointWrench(force)], initial=shape)
     places = np.linspace(0.15, 1.0, 20) * shape.length
     seen = ctr.PositionMeasurement(places, shape.position(places) + SIGMA * rng.normal(size=(20, 3)), SIGMA)
-    found = stream.update(actuation, None if rng.random() < 0.1 else seen)
-    told.append((force, found.force, found.deviations, shape.position(np.linspace(0.0, shape.length, 60))))
+    estimate = stream.update(actuation, None if rng.random() < 0.1 else seen)
+    rows.append((force, estimate.force, estimate.deviations, shape.position(np.linspace(0.0, shape.length, 60))))
 
-truths, estimates, deviations, points = (np.array(column) for column in zip(*told, strict=True))
+truths, estimates, deviations, points = (np.array(column) for column in zip(*rows, strict=True))
 error = np.sqrt((((estimates - truths) / deviations) ** 2).mean())
 print(f"{len(times)} samples, {stream.counts['dropped']} of them lost")
 print(f"standard deviations {', '.join(f'{x:.3f}' for x in deviations.mean(axis=0))} N, across and along the chord")

@@ -51,9 +51,9 @@ except ctr.DefinitionError as error:
 wrong = touch.solve(read, points)
 
 
-def squared(found):
+def squared(estimate):
     """Squared error over the covariance: 3 in the mean where both are right."""
-    return (found.force - force) @ np.linalg.solve(found.covariance, found.force - force)
+    return (estimate.force - force) @ np.linalg.solve(estimate.covariance, estimate.force - force)
 
 
 print(f"\nsquared error over covariance: {squared(estimate):.1f} with the homes, {squared(wrong):.0f} without")

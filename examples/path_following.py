@@ -40,17 +40,17 @@ angles = np.linspace(0.0, 2.0 * np.pi, 13)[1:]
 center = start.tip_position - [0.010, 0.0, 0.0]
 path = center + 0.010 * np.column_stack((np.cos(angles), np.sin(angles), np.zeros(len(angles))))
 
-pose = np.concatenate((start.actuation.rotations, start.actuation.translations))
+joints = np.concatenate((start.actuation.rotations, start.actuation.translations))
 moments, misses = start.unknowns, []
 print("point   rotations [deg]       translations [mm]    off the path [m]")
 for k, point in enumerate(path):
     bounds = {"lbx": [-np.inf, -np.inf, *(0.95 * reach)], "ubx": [np.inf, np.inf, 0.0, 0.0], "lbg": 0.0, "ubg": 0.0}
-    found = solver(x0=pose, p=np.concatenate((pose, point, moments)), **bounds)
+    answer = solver(x0=joints, p=np.concatenate((joints, point, moments)), **bounds)
     assert solver.stats()["success"]
-    pose = found["x"].full()[:, 0]
-    shape = problem.solve(ctr.Actuation(pose[:2], pose[2:]), [weight], initial=start)  # the answer, solved anew
+    joints = answer["x"].full()[:, 0]
+    shape = problem.solve(ctr.Actuation(joints[:2], joints[2:]), [weight], initial=start)  # the answer, solved anew
     moments, start = shape.unknowns, shape
     misses.append(np.linalg.norm(shape.tip_position - point))
-    print(f"{k:5d}   {np.rad2deg(pose[0]):8.2f} {np.rad2deg(pose[1]):8.2f}", end="")
-    print(f"     {1e3 * pose[2]:8.2f} {1e3 * pose[3]:8.2f}     {misses[-1]:.1e}")
+    print(f"{k:5d}   {np.rad2deg(joints[0]):8.2f} {np.rad2deg(joints[1]):8.2f}", end="")
+    print(f"     {1e3 * joints[2]:8.2f} {1e3 * joints[3]:8.2f}     {misses[-1]:.1e}")
 assert max(misses) < 1e-7  # ten nanometres and more are left to the tolerances of both solvers

@@ -28,7 +28,7 @@ class Fit(CalibrationSolution):
         One label for each number: the rows and columns of :attr:`covariance`.
     method, iterations, objective
         Method and iterations of the solve, and the final loss, priors included.
-    found
+    outcome
         Final values of the solve, undetermined numbers and base moments included.
     """
 

@@ -24,7 +24,7 @@ _FAILED = 1e6  # stretched residual without an equilibrium: the step is shortene
 
 
 @attrs.frozen(eq=False)
-class Outcome:
+class FitPoint:
     """The end of a solve: values, states, convergence and message."""
 
     x: Array
@@ -117,7 +117,7 @@ def solve_reduced(
     *,
     start: Array | None = None,
     fixed: Sequence[int] = (),
-) -> Outcome:
+) -> FitPoint:
     """Minimize the loss over the parameters by SciPy's ``least_squares``, with the ``fixed`` ones held."""
     from scipy.optimize import least_squares
 
@@ -134,8 +134,8 @@ def solve_reduced(
     try:
         final = estimation.equilibria(best, problem.equilibria)
     except SolveError as error:
-        return Outcome(best, problem.states, False, f"no equilibrium in {error}", count)
+        return FitPoint(best, problem.states, False, f"no equilibrium in {error}", count)
     states = estimation.settled(best, _with_moments(problem.states, final))
     for state, here in zip(states, estimation.linearize(best, states), strict=True):
         state[: len(here.step)] += here.step
-    return Outcome(best, states, bool(result.status > 0), str(result.message), count)
+    return FitPoint(best, states, bool(result.status > 0), str(result.message), count)

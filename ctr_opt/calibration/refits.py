@@ -13,7 +13,7 @@ from ..checks import Array
 from ..errors import DefinitionError, EstimationError, EstimationWarning
 from ..estimation.experiment import Experiment
 from .estimation import Estimation
-from .reduced import Outcome, solve_reduced
+from .reduced import FitPoint, solve_reduced
 from .solution import CalibrationSolution, Residual
 
 Fit = TypeVar("Fit", bound=CalibrationSolution)
@@ -30,11 +30,11 @@ def profile(fit: CalibrationSolution, label: str, count: int, width: float) -> t
     if not np.isfinite(error):
         raise EstimationError(f"{label} has no profile: the data do not determine it")
     lower, upper = (bound[k] for bound in estimation.unknowns.bounds)
-    middle = fit.found.x[k]
+    middle = fit.outcome.x[k]
     values = np.linspace(max(middle - width * error, lower), min(middle + width * error, upper), count)
     costs = []
     for value in values:
-        x = fit.found.x.copy()
+        x = fit.outcome.x.copy()
         x[k] = value
         point = _answer(f"the profile at {label} = {value:g}", estimation, fit.equilibria, start=x, fixed=[k])
         linearized = estimation.linearize(point.x, point.states)
@@ -63,15 +63,15 @@ def errors_without(fit: CalibrationSolution, experiments: Sequence[int] | int) -
 def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
     """The estimates of a fit, compared with other experiments."""
     _check_shared(fit)
-    homes = fit.estimation.unknowns.homes_at(fit.found.x)
+    homes = fit.estimation.unknowns.homes_at(fit.outcome.x)
     for k, experiment in enumerate(experiments):
         if homes.within(experiment.actuation):
             raise DefinitionError(
                 f"experiments[{k}]: the actuation already has the homes that the fit adds: give the joint readings"
             )
-    estimation = fit.estimation.of(experiments).framed_at(fit.found.x)
-    states = estimation.states(fit.found.x, estimation.equilibria_of(fit.found.x, whose))
-    return type(fit)(estimation, attrs.evolve(fit.found, states=states), fit.method)
+    estimation = fit.estimation.of(experiments).framed_at(fit.outcome.x)
+    states = estimation.states(fit.outcome.x, estimation.equilibria_of(fit.outcome.x, whose))
+    return type(fit)(estimation, attrs.evolve(fit.outcome, states=states), fit.method)
 
 
 def bootstrap(fit: CalibrationSolution, repetitions: int, seed: int) -> Array:
@@ -108,13 +108,13 @@ def _redrawn(fit: CalibrationSolution, chosen: Any, whose: str) -> Array:
 def _refit(fit: Fit, chosen: Any, whose: str) -> Fit:
     """Refit to chosen experiments, started from this fit."""
     try:
-        drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen]).framed_at(fit.found.x)
+        drawn = fit.estimation.of([fit.estimation.experiments[k] for k in chosen]).framed_at(fit.outcome.x)
     except DefinitionError as error:  # for example a density without gravity
         raise EstimationError(f"{whose} is not possible: {error}") from error
-    return type(fit)(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.found.x), "reduced")
+    return type(fit)(drawn, _answer(whose, drawn, [fit.equilibria[k] for k in chosen], start=fit.outcome.x), "reduced")
 
 
-def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any) -> Outcome:
+def _answer(whose: str, estimation: Estimation, *arguments: Any, **settings: Any) -> FitPoint:
     """The outcome of the reduced method; ``EstimationError`` if it does not converge."""
     answer = solve_reduced(estimation, *arguments, **settings)
     if not answer.converged:

@@ -19,7 +19,7 @@ from ..errors import DefinitionError, EstimationError
 from ..forward.equilibrium import Equilibrium
 from ..solvers.programs import Evaluated, solve_program
 from .estimation import Estimation, Progress
-from .reduced import Outcome
+from .reduced import FitPoint
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -148,7 +148,7 @@ def _summed(structure: Structure, values: Array) -> Array:
 
 def solve_simultaneous(
     estimation: Estimation, equilibria: Sequence[Equilibrium], progress: Progress | None = None
-) -> Outcome:
+) -> FitPoint:
     """Minimize the loss over parameters and base moments by IPOPT."""
     unknowns, states = estimation.unknowns, estimation.first_states(equilibria)
     program = _Program(estimation, unknowns.initial, states)
@@ -169,4 +169,4 @@ def solve_simultaneous(
     x = np.clip(x, *unknowns.bounds)  # IPOPT goes beyond by 1e-8
     if point.converged:
         reached = estimation.settled(x, reached)
-    return Outcome(x, reached, point.converged, point.message, iterations + point.iterations)
+    return FitPoint(x, reached, point.converged, point.message, iterations + point.iterations)

@@ -23,7 +23,7 @@ from ..robot.names import symbol
 from ..robot.robot import Robot
 from .estimation import Estimation
 from .homes import Homes
-from .reduced import Outcome
+from .reduced import FitPoint
 from .uncertainty import (
     VAGUE,
     Determined,
@@ -86,14 +86,14 @@ class Residual:
 class CalibrationSolution:
     """CalibrationSolution of a calibration: numbers with errors, residuals and undetermined directions."""
 
-    def __init__(self, estimation: Estimation, found: Outcome, method: str) -> None:
+    def __init__(self, estimation: Estimation, outcome: FitPoint, method: str) -> None:
         self.estimation = estimation
-        self.found = found
+        self.outcome = outcome
         self.method = method
         self.names = [entry.name for entry in estimation.unknowns.entries]
         self.labels = estimation.unknowns.labels
-        self.iterations = found.iterations
-        self.objective = estimation.cost(self._linearized) + estimation.prior_cost(found.x)
+        self.iterations = outcome.iterations
+        self.objective = estimation.cost(self._linearized) + estimation.prior_cost(outcome.x)
 
     # -- estimates -------------------------------------------------------------------------------------------------
 
@@ -105,7 +105,7 @@ class CalibrationSolution:
     @cached_property
     def estimates(self) -> Array:
         """Estimates in the order of :attr:`labels`, SI; not a number if undetermined."""
-        return np.where(self._open, np.nan, self.found.x)
+        return np.where(self._open, np.nan, self.outcome.x)
 
     @cached_property
     def deviations(self) -> Array:
@@ -147,7 +147,7 @@ class CalibrationSolution:
     def undetermined(self) -> list[Direction]:
         """Directions that the data do not determine, with descriptions; empty if all is determined."""
         unknowns = self.estimation.unknowns
-        return directions(self._determined, self.labels, self.found.x, unknowns.scale)
+        return directions(self._determined, self.labels, self.outcome.x, unknowns.scale)
 
     @property
     def vague(self) -> list[str]:
@@ -159,7 +159,7 @@ class CalibrationSolution:
     def ratios(self) -> dict[str, tuple[float, float]]:
         """Ratios of parameters that only have a common undetermined factor, with standard errors."""
         ratios: dict[str, tuple[float, float]] = {}
-        x = self.found.x
+        x = self.outcome.x
         for direction in self.undetermined:
             names = list(direction.parts)
             numbers = [self.labels.index(name) for name in names]
@@ -191,7 +191,7 @@ class CalibrationSolution:
         """
         unknowns = self.estimation.unknowns
         self._check_determined("robot", [label for e in unknowns.entries if e.of_robot for label in e.labels])
-        return unknowns.robot_at(self.found.x)
+        return unknowns.robot_at(self.outcome.x)
 
     @cached_property
     def homes(self) -> Homes:
@@ -202,7 +202,7 @@ class CalibrationSolution:
         EstimationError
             The data do not determine the offsets.
         """
-        homes = self.estimation.unknowns.homes_at(self.found.x)
+        homes = self.estimation.unknowns.homes_at(self.outcome.x)
         self._check_determined("homes of the joints", homes.names)
         return homes
 
@@ -217,14 +217,14 @@ class CalibrationSolution:
     @cached_property
     def equilibria(self) -> list[Equilibrium]:
         """The experiments' equilibria with the estimated parameters."""
-        return self.estimation.equilibria_of(self.found.x, "the estimates")
+        return self.estimation.equilibria_of(self.outcome.x, "the estimates")
 
     # -- residuals ---------------------------------------------------------------------------------------------------
 
     @cached_property
     def residuals(self) -> list[Residual]:
         """Residuals of all measured blocks, predicted minus measured, in the order of the experiments."""
-        unknowns, x = self.estimation.unknowns, self.found.x
+        unknowns, x = self.estimation.unknowns, self.outcome.x
         robot = unknowns.robot_at(x)
         residuals = []
         for k, (experiment, here) in enumerate(zip(self.estimation.experiments, self._linearized, strict=True)):
@@ -244,7 +244,7 @@ class CalibrationSolution:
 
         Without a given noise level, residuals are in mm, mrad and so on.
         """
-        priors = 2.0 * self.estimation.prior_cost(self.found.x)
+        priors = 2.0 * self.estimation.prior_cost(self.outcome.x)
         return float(sum(one.misfit @ one.misfit for one in self._linearized)) + priors
 
     @property
@@ -320,7 +320,7 @@ class CalibrationSolution:
     def _linearized(self) -> list[Linearized]:
         if not self.estimation.prepared:
             self.estimation.prepare(self.equilibria)
-        return self.estimation.linearize(self.found.x, self.found.states)
+        return self.estimation.linearize(self.outcome.x, self.outcome.states)
 
     @property
     def _inaccuracies(self) -> Array:
@@ -337,7 +337,7 @@ class CalibrationSolution:
     def _determined(self) -> Determined:
         level = 1.0
         if self.estimation.loss == "squared" and not self.estimation.scaled:
-            level = self.chi_squared / max(int(self._numbers.sum()) - len(self.found.x), 1)
+            level = self.chi_squared / max(int(self._numbers.sum()) - len(self.outcome.x), 1)
         return determined(self._information.matrix / max(level, 1e-12) + self._information.prior)
 
     @property

@@ -13,10 +13,10 @@ from ..forward.equilibrium import Equilibrium
 from ..robot.names import parsed
 from .estimation import Estimation, Progress
 from .fit import Fit
-from .reduced import Outcome, solve_reduced
+from .reduced import FitPoint, solve_reduced
 from .simultaneous import solve_simultaneous
 
-METHODS: dict[str, Callable[..., Outcome]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
+METHODS: dict[str, Callable[..., FitPoint]] = {"simultaneous": solve_simultaneous, "reduced": solve_reduced}
 
 
 _MOST_FRAMES = 8  # how often poses are compared in the frames of other tubes, as estimates move their ends
@@ -62,7 +62,7 @@ def solve(estimation: Estimation, method: str, progress: Progress | None) -> Fit
 def nominal(estimation: Estimation) -> Fit:
     """Implement :meth:`CalibrationProblem.nominal <ctr_opt.CalibrationProblem.nominal>`."""
     equilibria, initial = _prepared(estimation), estimation.unknowns.initial
-    return Fit(estimation, Outcome(initial, estimation.states(initial, equilibria), True, "nominal", 0), "nominal")
+    return Fit(estimation, FitPoint(initial, estimation.states(initial, equilibria), True, "nominal", 0), "nominal")
 
 
 def _prepared(estimation: Estimation, progress: Progress | None = None) -> list[Equilibrium]:
@@ -72,7 +72,7 @@ def _prepared(estimation: Estimation, progress: Progress | None = None) -> list[
     return equilibria
 
 
-def _undecided(estimation: Estimation, outcome: Outcome) -> str:
+def _undecided(estimation: Estimation, outcome: FitPoint) -> str:
     """Which poses are of one tube with some estimates, and of another with those that follow."""
     before = (layout.observables for layout in estimation.layouts)
     after = (layout.observables for layout in estimation.framed_at(outcome.x).layouts)
@@ -83,7 +83,7 @@ def _undecided(estimation: Estimation, outcome: Outcome) -> str:
     )
 
 
-def _failure(estimation: Estimation, outcome: Outcome, method: str) -> str:
+def _failure(estimation: Estimation, outcome: FitPoint, method: str) -> str:
     """Message of a failed solve: what was tried, how far it came, what to do."""
     lower, upper = estimation.unknowns.bounds
     at_bound = [

@@ -15,8 +15,7 @@ from ..errors import DefinitionError
 from ..estimation.sensors import Mounting
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
-from ..robot.names import Parameter as RobotParameter
-from ..robot.names import chosen, loads_with, parameters, parsed, robot_with, shown
+from ..robot.names import NamedNumber, chosen, loads_with, parameters, parsed, robot_with, shown
 from ..robot.robot import Robot
 from .homes import Homes
 
@@ -272,7 +271,7 @@ class Unknowns:
             case ("tubes", int(i), "rotation_offset" | "translation_offset" as field):
                 return self._offset(wanted, i, field)
             case ("sensors", str(), "translation" | "rotation"):
-                return self._unknown(wanted, RobotParameter(wanted.name, np.zeros(3)), (wanted.name,))
+                return self._unknown(wanted, NamedNumber(wanted.name, np.zeros(3)), (wanted.name,))
             case ("loads", int(), str()):
                 return self._of_loads(wanted)
             case ("experiments", int(k), "rotations" | "translations" | "loads", *_):
@@ -286,7 +285,7 @@ class Unknowns:
         foremost = max(float(actuation.translations[i]) for actuation, _ in self.experiments)
         most = 0.0 - foremost if field == "translation_offset" else np.inf
         acts_on = (f"{field.removesuffix('_offset')}s[{i}]",)
-        return self._unknown(wanted, RobotParameter(wanted.name, np.zeros(())), acts_on, most=most)
+        return self._unknown(wanted, NamedNumber(wanted.name, np.zeros(())), acts_on, most=most)
 
     def _of_experiment(self, wanted: Parameter, k: int) -> Unknown:
         if k >= len(self.experiments):
@@ -315,12 +314,12 @@ class Unknowns:
     def _tied(self, wanted: Parameter) -> Unknown:
         tied = chosen(self._known, wanted.tied, f"{wanted.name}: tied")
         factors = tuple(np.array(one.value) for one in tied)
-        return self._unknown(wanted, RobotParameter(wanted.name, np.ones(()), unit=""), wanted.tied, factors=factors)
+        return self._unknown(wanted, NamedNumber(wanted.name, np.ones(()), unit=""), wanted.tied, factors=factors)
 
     def _unknown(
         self,
         wanted: Parameter,
-        parameter: RobotParameter,
+        parameter: NamedNumber,
         acts_on: tuple[str, ...],
         *,
         experiment: int | None = None,
@@ -366,7 +365,7 @@ class Unknowns:
         )  # fmt: skip
 
     @cached_property
-    def _known(self) -> dict[str, RobotParameter]:
+    def _known(self) -> dict[str, NamedNumber]:
         """The robot's parameters by name; densities act if any experiment has gravity."""
         held = Actuation(np.zeros(len(self.robot.tubes)), np.zeros(len(self.robot.tubes)))
         pulls = [load for _, loads in self.experiments for load in loads if load.pulls][:1]

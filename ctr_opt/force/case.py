@@ -25,7 +25,7 @@ from ..layout.observables import Observable
 from ..loads.gravity import Gravity
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
-from ..robot.names import Parameter, euler_rates, parameters
+from ..robot.names import NamedNumber, euler_rates, parameters
 from ..robot.robot import Robot
 from .model import LoadedModel, loaded_model
 from .numbers import Numbered
@@ -62,7 +62,7 @@ class Errors:
         return cls._of(parameters(robot, held, [Gravity(np.zeros(3))]), fit, joints)
 
     @classmethod
-    def _of(cls, known: Mapping[str, Parameter], fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
+    def _of(cls, known: Mapping[str, NamedNumber], fit: Fit | None, joints: Mapping[str, Array | None]) -> Errors:
         parts = [] if fit is None else _of_fit(fit, {name: one.size for name, one in known.items() if not one.idle})
         parts += [{name: np.diag(sigma)} for name, sigma in joints.items() if sigma is not None]
         names = tuple(dict.fromkeys(name for part in parts for name in part))

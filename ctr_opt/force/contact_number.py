@@ -7,7 +7,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..checks import ANY_EQ, Entry, described, given
+from ..checks import ANY_EQ, Entry, described, unchecked
 from ..loads import place
 from .unknown import IN_FILES, PointForce, UnknownLoad
 
@@ -44,8 +44,8 @@ class Contacts(UnknownLoad):
     in_file = IN_FILES
     somewhere = True
     steady = False
-    most: int = attrs.field(default=3, converter=given)
-    tube: int = attrs.field(default=0, converter=given)
+    most: int = attrs.field(default=3, converter=unchecked)
+    tube: int = attrs.field(default=0, converter=unchecked)
     prior: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
     bounds: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
     between: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import attrs
 import numpy as np
 
-from ..checks import ANY_EQ, Array, Entry, described, given
+from ..checks import ANY_EQ, Array, Entry, described, unchecked
 from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..loads import place
@@ -78,12 +78,12 @@ class DistributedForce(UnknownLoad):
     }
     force_prior = False
     steady = False
-    coefficients: int = attrs.field(default=12, converter=given)
-    start: float = attrs.field(default=0.0, converter=given)
-    end: float | None = attrs.field(default=None, converter=given)
-    tube: int = attrs.field(default=0, converter=given)
-    degree: int = attrs.field(default=3, converter=given)
-    smoothness: float | None = attrs.field(default=None, converter=given)
+    coefficients: int = attrs.field(default=12, converter=unchecked)
+    start: float = attrs.field(default=0.0, converter=unchecked)
+    end: float | None = attrs.field(default=None, converter=unchecked)
+    tube: int = attrs.field(default=0, converter=unchecked)
+    degree: int = attrs.field(default=3, converter=unchecked)
+    smoothness: float | None = attrs.field(default=None, converter=unchecked)
     prior: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
     bounds: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
 
@@ -128,7 +128,7 @@ class DistributedForce(UnknownLoad):
         return [DistributedLoad(np.zeros(3), start=start, end=end, tube=self.tube) for start, end in both]
 
     @property
-    def sought(self) -> tuple[UnknownNumbers, ...]:
+    def unknown_numbers(self) -> tuple[UnknownNumbers, ...]:
         """The unknown coefficients, three numbers each."""
         return tuple(UnknownNumbers(0, "density", 3, vector(f"force_density[{k}]")) for k in range(self.coefficients))
 

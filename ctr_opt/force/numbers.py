@@ -43,7 +43,7 @@ class Numbered:
         labels: list[str] = []
         parts = []
         for k, unknown_load in enumerate(unknown):
-            numbers = unknown_load.sought
+            numbers = unknown_load.unknown_numbers
             prefix = f"unknown[{k}]." if len(unknown) > 1 else ""
             names += [f"loads[{first + len(templates) + load}].{field}" for load, field in unknown_load.taken]
             parts.append(slice(len(labels), len(labels) + sum(number.size for number in numbers)))
@@ -60,7 +60,7 @@ class Numbered:
     @cached_property
     def fields(self) -> list[str]:
         """The field of each number."""
-        return [number.field for one in self.unknown for number in one.sought for _ in range(number.size)]
+        return [number.field for one in self.unknown for number in one.unknown_numbers for _ in range(number.size)]
 
     def where(self, field: str) -> list[slice]:
         """Slices of the numbers of a field, one for each unknown load that has it."""

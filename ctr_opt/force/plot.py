@@ -83,15 +83,15 @@ def _draw_shape(estimate: ForceSolution, ax: Any, plane: tuple[int, int]) -> Non
 def _where(estimate: ForceSolution) -> list[float]:
     """Where each force is drawn: a distributed one in the middle of what it does."""
     places = estimate.arc_length if len(estimate.case.numbered.unknown) > 1 else [estimate.arc_length]
-    found = []
+    drawn_at = []
     for k, place in enumerate(places):
         at = estimate.shape.length if place is None else place
         if k in estimate.distributed:
             s = estimate.stretch(k)
             weights = np.linalg.norm(estimate.density(s, k)[0], axis=1)
             at = float(weights @ s / weights.sum()) if weights.any() else float(s.mean())
-        found.append(at)
-    return found
+        drawn_at.append(at)
+    return drawn_at
 
 
 def widened(width: float, length: float) -> int:
@@ -122,7 +122,7 @@ def _half_width(estimate: ForceSolution, numbers: list[int]) -> float:
 
 def _draw_density(estimate: ForceSolution, ax: Any, number: int, axis: int) -> None:
     s = estimate.stretch(number)
-    density, errors = (each[:, axis] for each in estimate.density(s, number))
+    density, errors = (values[:, axis] for values in estimate.density(s, number))
     (line,) = ax.plot(1e3 * s, density, label="estimate")
     width = _factor(1) * errors
     ax.fill_between(1e3 * s, density - width, density + width, color=line.get_color(), alpha=0.2, lw=0.0, label="95 %")
@@ -134,8 +134,10 @@ def _draw_density(estimate: ForceSolution, ax: Any, number: int, axis: int) -> N
 
 def _measured(estimate: ForceSolution) -> Array:
     kinds = PositionMeasurement, BackboneMeasurement
-    found = [each.position for each in estimate.case.experiment.measurements if isinstance(each, kinds)]
-    return np.vstack(found) if found else np.zeros((0, 3))
+    positions = [
+        measurement.position for measurement in estimate.case.experiment.measurements if isinstance(measurement, kinds)
+    ]
+    return np.vstack(positions) if positions else np.zeros((0, 3))
 
 
 def _draw_ellipses(estimate: ForceSolution, ax: Any, plane: tuple[int, int], numbers: list[int], half: float) -> None:

@@ -351,7 +351,7 @@ def _before(numbered: Numbered, unit: Array) -> Belief:
 
 def _drift(drift: Any, numbered: Numbered) -> Array:
     """Standard deviations after one second, SI."""
-    fields = {number.field: number.size for load in numbered.unknown for number in load.sought}
+    fields = {number.field: number.size for load in numbered.unknown for number in load.unknown_numbers}
     forces = [field for field in fields if field.endswith("force")]
     by_field = drift if isinstance(drift, Mapping) else dict.fromkeys(forces, drift)
     if set(by_field) != set(fields):

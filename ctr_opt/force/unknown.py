@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import attrs
 import numpy as np
 
-from ..checks import ANY_EQ, Array, Checked, Entry, Table, array, described, given, number
+from ..checks import ANY_EQ, Array, Checked, Entry, Table, array, described, number, unchecked
 from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..loads import place
@@ -154,24 +154,24 @@ class UnknownLoad(Checked):
         raise NotImplementedError
 
     @property
-    def sought(self) -> Sequence[UnknownNumbers]:
+    def unknown_numbers(self) -> Sequence[UnknownNumbers]:
         """The unknown numbers, in their order; an unknown place is the last."""
         raise NotImplementedError
 
     @property
     def somewhere(self) -> bool:
         """Whether the place of the load is unknown."""
-        return any(number.field == "arc_length" for number in self.sought)
+        return any(number.field == "arc_length" for number in self.unknown_numbers)
 
     @property
     def taken(self) -> Sequence[tuple[int, str]]:
         """The load fields that the model reads, as (load, field), in their order."""
-        return [(number.load, number.field) for number in self.sought]
+        return [(number.load, number.field) for number in self.unknown_numbers]
 
     @property
     def mixing(self) -> Array:
         """Matrix from the unknown numbers to the numbers that the model reads."""
-        return np.eye(sum(number.size for number in self.sought))
+        return np.eye(sum(number.size for number in self.unknown_numbers))
 
     @property
     def resultant(self) -> Array:
@@ -275,7 +275,7 @@ class TipForce(_AtTip):
         return [PointWrench(force=np.zeros(3), tube=self.tube)]
 
     @property
-    def sought(self) -> tuple[UnknownNumbers, ...]:
+    def unknown_numbers(self) -> tuple[UnknownNumbers, ...]:
         """The three components of the force."""
         return (UnknownNumbers(0, "force", 3, vector("force")),)
 
@@ -293,7 +293,7 @@ class TipWrench(_AtTip):
 
     Examples
     --------
-    >>> [number.field for number in TipWrench().sought]
+    >>> [number.field for number in TipWrench().unknown_numbers]
     ['force', 'moment']
     """
 
@@ -306,7 +306,7 @@ class TipWrench(_AtTip):
         return [PointWrench(force=np.zeros(3), moment=np.zeros(3), tube=self.tube)]
 
     @property
-    def sought(self) -> tuple[UnknownNumbers, ...]:
+    def unknown_numbers(self) -> tuple[UnknownNumbers, ...]:
         """The components of force and moment."""
         return UnknownNumbers(0, "force", 3, vector("force")), UnknownNumbers(0, "moment", 3, vector("moment"))
 
@@ -346,20 +346,20 @@ class PointForce(UnknownLoad):
 
     Examples
     --------
-    >>> PointForce().sought[-1].labels
+    >>> PointForce().unknown_numbers[-1].labels
     ('arc_length',)
-    >>> PointForce(0.08, normal=[0.0, 2.0, 0.0]).sought[0].labels
+    >>> PointForce(0.08, normal=[0.0, 2.0, 0.0]).unknown_numbers[0].labels
     ('normal_force',)
     """
 
     kind = "point_force"
     entries = described(**place.POINT, friction=Entry("1", least=0.0, optional=True))
     in_file: ClassVar[Mapping[str, Any]] = {**IN_FILES, "normal?": Entry("1", (3,)), "place_prior?": _PLACE_PRIOR}
-    arc_length: float | None = attrs.field(default=None, converter=given)
-    tube: int = attrs.field(default=0, converter=given)
+    arc_length: float | None = attrs.field(default=None, converter=unchecked)
+    tube: int = attrs.field(default=0, converter=unchecked)
     prior: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
     normal: Any = attrs.field(default=None, converter=_normal)
-    friction: float | None = attrs.field(default=None, converter=given)
+    friction: float | None = attrs.field(default=None, converter=unchecked)
     bounds: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
     between: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
     place_prior: Any = attrs.field(default=None, eq=ANY_EQ, hash=False)
@@ -385,7 +385,7 @@ class PointForce(UnknownLoad):
         return np.eye(3) if self.normal is None or self.friction is not None else np.array(self.normal)[:, None]
 
     @property
-    def sought(self) -> tuple[UnknownNumbers, ...]:
+    def unknown_numbers(self) -> tuple[UnknownNumbers, ...]:
         """The force or its size along the normal, and an unknown place."""
         along = self._directions.shape[1] == 1
         force = (

@@ -12,7 +12,7 @@ from ..errors import DefinitionError
 from ..layout.configuration import Configuration
 from ..layout.observables import Observable
 from ..loads.point import PointWrench
-from ..robot.names import Parameter, chosen, parameters
+from ..robot.names import NamedNumber, chosen, parameters
 from .outputs import output, place_of
 from .sensitivity import Solved, derivatives, kinked
 
@@ -89,7 +89,7 @@ def kinks(solved: Solved) -> tuple[int, ...]:
     return tuple(i for i in suspects if apart[i])
 
 
-def _joints(solved: Solved, *names: str) -> list[Parameter]:
+def _joints(solved: Solved, *names: str) -> list[NamedNumber]:
     configuration = solved.configuration
     return chosen(parameters(configuration.robot, configuration.actuation), names)
 

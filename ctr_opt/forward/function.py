@@ -17,7 +17,7 @@ from ..checks import Array, array, whole
 from ..errors import DefinitionError
 from ..mechanics.fields import material_frame
 from ..mechanics.state import State, slices
-from ..robot.names import Parameter, chosen, identifier, parameters
+from ..robot.names import NamedNumber, chosen, identifier, parameters
 from ..robot.robot import Robot
 from ..transcription.parametric_problem import Discretized, ParametricProblem, Swept
 from .equilibrium import Equilibrium
@@ -123,7 +123,7 @@ class _Model:
         return ca.Function("root", [start, theta], [finder(start, ca.vertcat(ca.vec(columns), entry))])
 
 
-def _size(parameter: Parameter) -> tuple[int, int]:
+def _size(parameter: NamedNumber) -> tuple[int, int]:
     rows, *columns = parameter.value.shape or (1,)
     return int(rows), int(columns[0]) if columns else 1
 

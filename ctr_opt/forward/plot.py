@@ -25,7 +25,14 @@ if TYPE_CHECKING:
     from .equilibrium import Equilibrium
 
 _MM = 1e3
-_TUBE_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#7F6A3F")  # told apart by the colour-blind
+_TUBE_COLORS = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#7F6A3F",
+)  # the colour-blind can distinguish them
 _FRAME_COLORS = ("#D62728", "#2CA02C", "#1F4FD6")
 _FORCE_COLOR, _MOMENT_COLOR = "#B2182B", "#6A3D9A"
 _UNLOADED_COLOR, _SPRING_COLOR = "0.7", "0.35"

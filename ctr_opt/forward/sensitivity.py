@@ -18,7 +18,7 @@ from ..checks import Array
 from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration
 from ..layout.observables import Observable, posed
-from ..robot.names import Parameter
+from ..robot.names import NamedNumber
 from ..transcription.closure import NEGLIGIBLE
 from ..transcription.observing import Observer
 from ..transcription.parametric_problem import ParametricProblem, at_nominal
@@ -64,7 +64,7 @@ class Derivatives:
 def derivatives(
     solved: Solved,
     wanted: Observable,
-    chosen: Sequence[Parameter],
+    chosen: Sequence[NamedNumber],
     *,
     side: int = 1,
     order: int = 1,
@@ -96,13 +96,13 @@ def derivatives(
     return Derivatives(value.value, first, unknowns, value.second)
 
 
-def kinked(solved: Solved, chosen: Sequence[Parameter]) -> list[int]:
+def kinked(solved: Solved, chosen: Sequence[NamedNumber]) -> list[int]:
     """Indices of the chosen parameters that can move coinciding break points apart in both directions."""
     problem = _problem(solved, chosen, Observable("pose"))
     return [k for k in range(len(problem.nominal)) if problem.kinked(k) and _sign(problem, k, 1) > 0.0]
 
 
-def _problem(solved: Solved, chosen: Sequence[Parameter], wanted: Observable) -> ParametricProblem:
+def _problem(solved: Solved, chosen: Sequence[NamedNumber], wanted: Observable) -> ParametricProblem:
     configuration = solved.configuration
     left = from_left(wanted, configuration)
     probes = ((wanted.place, wanted.tube),) if isinstance(wanted.place, float) else ()

@@ -8,7 +8,7 @@ from itertools import compress, pairwise
 import attrs
 import numpy as np
 
-from ..checks import ARRAY_EQ, Array, Checked, Entry, described, given
+from ..checks import ARRAY_EQ, Array, Checked, Entry, described, unchecked
 from ..errors import DefinitionError
 from ..loads.kind import Load
 from ..robot.robot import Robot
@@ -58,10 +58,10 @@ class JointLimits(Checked):
         base_gap=_GAP,
         tip_gap=_GAP,
     )
-    rotations: Array | None = attrs.field(default=None, converter=given, eq=ARRAY_EQ, hash=False)
-    translations: Array | None = attrs.field(default=None, converter=given, eq=ARRAY_EQ, hash=False)
-    base_gap: float | None = attrs.field(default=0.0, converter=given)
-    tip_gap: float | None = attrs.field(default=1e-4, converter=given)
+    rotations: Array | None = attrs.field(default=None, converter=unchecked, eq=ARRAY_EQ, hash=False)
+    translations: Array | None = attrs.field(default=None, converter=unchecked, eq=ARRAY_EQ, hash=False)
+    base_gap: float | None = attrs.field(default=0.0, converter=unchecked)
+    tip_gap: float | None = attrs.field(default=1e-4, converter=unchecked)
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 
 from ..mechanics.law import Stiffness, straight_energy_density
-from ..robot.names import Parameter, parameters
+from ..robot.names import NamedNumber, parameters
 from ..robot.piecewise import gauss
 from ..robot.tube import STIFFNESSES
 from .configuration import Configuration
@@ -28,7 +28,7 @@ class ParametricRobot:
         self.tubes = configuration.tube_count
         self.values = values
         self.clip = clip
-        self._known: dict[str, Parameter] = parameters(
+        self._known: dict[str, NamedNumber] = parameters(
             configuration.robot, configuration.actuation, configuration.loads
         )
         self.points: dict[Key, Any] = {ENTRY: 0.0}

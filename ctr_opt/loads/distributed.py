@@ -5,7 +5,7 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from ..checks import described, given
+from ..checks import described, unchecked
 from . import place
 from .density import DENSITY_EQ, Density, DensityEntry
 from .wrench import FRAME, Wrench
@@ -42,12 +42,12 @@ class DistributedLoad(Wrench):
     kind = "distributed"
     entries = described(force=DensityEntry("N/m", (3,)), moment=DensityEntry("N m/m", (3,)), **place.SPAN, frame=FRAME)
     csv = 7, {"force": (0, slice(1, 4)), "moment": (0, slice(4, 7))}
-    force: Density = attrs.field(default=np.zeros(3), converter=given, eq=DENSITY_EQ, hash=False)
-    moment: Density = attrs.field(default=np.zeros(3), converter=given, eq=DENSITY_EQ, hash=False)
-    start: float = attrs.field(default=0.0, converter=given)
-    end: float | None = attrs.field(default=None, converter=given)
-    tube: int = attrs.field(default=0, converter=given)
-    frame: str = attrs.field(default="world", converter=given)
+    force: Density = attrs.field(default=np.zeros(3), converter=unchecked, eq=DENSITY_EQ, hash=False)
+    moment: Density = attrs.field(default=np.zeros(3), converter=unchecked, eq=DENSITY_EQ, hash=False)
+    start: float = attrs.field(default=0.0, converter=unchecked)
+    end: float | None = attrs.field(default=None, converter=unchecked)
+    tube: int = attrs.field(default=0, converter=unchecked)
+    frame: str = attrs.field(default="world", converter=unchecked)
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()

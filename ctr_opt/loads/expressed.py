@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import casadi as ca
 
-from ..checks import Entry, described, given
+from ..checks import Entry, described, unchecked
 from ..errors import DefinitionError
 from . import place
 from .field import Field
@@ -66,11 +66,11 @@ class Expressed(Load):
     """Base of loads given as expressions: where the load acts, and its factor."""
 
     entries = described(factor=Entry("1"), **place.POINT, start=place.ARC_LENGTH, end=place.ARC_LENGTH)
-    arc_length: float | None = attrs.field(default=None, converter=given, kw_only=True)
-    start: float | None = attrs.field(default=None, converter=given, kw_only=True)
-    end: float | None = attrs.field(default=None, converter=given, kw_only=True)
-    tube: int = attrs.field(default=0, converter=given, kw_only=True)
-    factor: float = attrs.field(default=1.0, converter=given, kw_only=True)
+    arc_length: float | None = attrs.field(default=None, converter=unchecked, kw_only=True)
+    start: float | None = attrs.field(default=None, converter=unchecked, kw_only=True)
+    end: float | None = attrs.field(default=None, converter=unchecked, kw_only=True)
+    tube: int = attrs.field(default=0, converter=unchecked, kw_only=True)
+    factor: float = attrs.field(default=1.0, converter=unchecked, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import attrs
 
-from ..checks import ARRAY_EQ, Array, Entry, described, given
+from ..checks import ARRAY_EQ, Array, Entry, described, unchecked
 from .kind import Load, Number, Push
 
 
@@ -31,7 +31,7 @@ class Gravity(Load):
     entries = described(acceleration=Entry("m/s^2", (3,)))
     start: ClassVar[float] = 0.0
     end: ClassVar[None] = None
-    acceleration: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
+    acceleration: Array = attrs.field(converter=unchecked, eq=ARRAY_EQ, hash=False)
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
         """Yield the weight of each tube with a density, in front of the entry point."""

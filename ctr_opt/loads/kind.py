@@ -15,7 +15,7 @@ import attrs
 import numpy as np
 
 from ..checks import Array, Checked
-from ..robot.names import Parameter, optional, shown
+from ..robot.names import NamedNumber, optional, shown
 from ..robot.robot import Robot
 from .density import LoadTable, numbers_of, scaled
 from .field import Field
@@ -99,7 +99,7 @@ class Load(Checked):
         """Why none of the load's numbers acts, or empty; ``pulled`` says whether any load accelerates masses."""
         return ""
 
-    def numbers(self, prefix: str, pulled: bool) -> Iterator[Parameter]:
+    def numbers(self, prefix: str, pulled: bool) -> Iterator[NamedNumber]:
         """Yield the load's numbers as parameters, names behind a prefix."""
         for field in self.fields:
             value = getattr(self, field)
@@ -145,7 +145,7 @@ class Load(Checked):
         return f"{type(self).__name__}{carrier}{turning}: {', '.join(texts) or 'nothing'}"
 
 
-def _number_text(number: Parameter) -> str:
+def _number_text(number: NamedNumber) -> str:
     """Show a number with its name and unit; empty if it does not act or is zero."""
     if number.idle == _CALLED or number.value.ndim > 1:
         return f"{number.name} {'as a function' if number.idle else 'as a table'}"

@@ -7,7 +7,7 @@ from typing import Any
 
 import attrs
 
-from ..checks import Entry, described, given
+from ..checks import Entry, described, unchecked
 from . import place
 from .kind import Load, Number, Push
 
@@ -49,9 +49,9 @@ class PointMass(_Mass):
 
     kind = "point_mass"
     entries = described(mass=Entry("kg", least=0.0), **place.POINT)
-    mass: float = attrs.field(converter=given)
-    arc_length: float | None = attrs.field(default=None, converter=given)
-    tube: int = attrs.field(default=0, converter=given)
+    mass: float = attrs.field(converter=unchecked)
+    arc_length: float | None = attrs.field(default=None, converter=unchecked)
+    tube: int = attrs.field(default=0, converter=unchecked)
 
 
 @attrs.frozen
@@ -75,10 +75,10 @@ class DistributedMass(_Mass):
 
     kind = "distributed_mass"
     entries = described(mass_per_length=Entry("kg/m", least=0.0), **place.SPAN)
-    mass_per_length: float = attrs.field(converter=given)
-    start: float = attrs.field(default=0.0, converter=given)
-    end: float | None = attrs.field(default=None, converter=given)
-    tube: int = attrs.field(default=0, converter=given)
+    mass_per_length: float = attrs.field(converter=unchecked)
+    start: float = attrs.field(default=0.0, converter=unchecked)
+    end: float | None = attrs.field(default=None, converter=unchecked)
+    tube: int = attrs.field(default=0, converter=unchecked)
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import attrs
 
-from ..checks import ARRAY_EQ, Array, Entry, described, given
+from ..checks import ARRAY_EQ, Array, Entry, described, unchecked
 from . import place
 from .wrench import FRAME, Wrench
 
@@ -33,8 +33,8 @@ class PointWrench(Wrench):
 
     kind = "point"
     entries = described(force=Entry("N", (3,)), moment=Entry("N m", (3,)), **place.POINT, frame=FRAME)
-    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=given, eq=ARRAY_EQ, hash=False)
-    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=given, eq=ARRAY_EQ, hash=False)
-    arc_length: float | None = attrs.field(default=None, converter=given)
-    tube: int = attrs.field(default=0, converter=given)
-    frame: str = attrs.field(default="world", converter=given)
+    force: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=unchecked, eq=ARRAY_EQ, hash=False)
+    moment: Array = attrs.field(default=(0.0, 0.0, 0.0), converter=unchecked, eq=ARRAY_EQ, hash=False)
+    arc_length: float | None = attrs.field(default=None, converter=unchecked)
+    tube: int = attrs.field(default=0, converter=unchecked)
+    frame: str = attrs.field(default="world", converter=unchecked)

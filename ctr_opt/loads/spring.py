@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 import casadi as ca
 
-from ..checks import ARRAY_EQ, Array, Entry, described, given
+from ..checks import ARRAY_EQ, Array, Entry, described, unchecked
 from . import place
 from .field import potential
 from .kind import Load, Number, Push
@@ -57,10 +57,10 @@ class Spring(Load):
     kind = "spring"
     entries = described(stiffness=Entry("N/m", least=0.0), anchor=Entry("m", (3,)), **place.POINT)
     amounts = ("stiffness",)
-    stiffness: float = attrs.field(converter=given)
-    anchor: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
-    arc_length: float | None = attrs.field(default=None, converter=given)
-    tube: int = attrs.field(default=0, converter=given)
+    stiffness: float = attrs.field(converter=unchecked)
+    anchor: Array = attrs.field(converter=unchecked, eq=ARRAY_EQ, hash=False)
+    arc_length: float | None = attrs.field(default=None, converter=unchecked)
+    tube: int = attrs.field(default=0, converter=unchecked)
 
     def lowered(self, number: Number, gravity: Any, masses: Sequence[Any]) -> Iterator[Push]:  # noqa: ARG002
         """Yield the spring's energy times its stiffness; nothing if the stiffness is zero."""

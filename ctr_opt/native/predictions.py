@@ -125,7 +125,7 @@ class Predictions:
         every = [None] * len(experiments) if places is None else list(places)
         ends = [Ends.of_robot(robot, actuation.translations) for actuation, _ in experiments]
         probes = [_probes(own, self.observables, s) for own, s in zip(ends, every, strict=True)]
-        self._rows = [_rows(robot, loads, own) for (_, loads), own in zip(experiments, probes, strict=True)]
+        self._rows = [_rows(robot, loads, of_one) for (_, loads), of_one in zip(experiments, probes, strict=True)]
         self._addresses = np.array([rows.address for rows in self._rows], dtype=np.uintp)
         self._loads = [tuple(loads) for _, loads in experiments]
         self._actuations = np.array([joints_of(actuation) for actuation, _ in experiments])
@@ -143,9 +143,9 @@ class Predictions:
         self._combination = asked[0].combination
         self.parameters = self._combination.shape[1]
         self._plain = np.array_equal(self._combination, np.eye(len(self._combination)))
-        frames = [[(k, frame) for k, (*_, frame) in enumerate(own)] for own in probes]
+        frames = [[(k, frame) for k, (*_, frame) in enumerate(of_one)] for of_one in probes]
         rows = np.array(frames, dtype=np.intc).reshape(len(asked), -1, 2)
-        directions = np.array([each.rows for each in asked], dtype=np.intc).reshape(len(asked), -1, 3)
+        directions = np.array([of_one.rows for of_one in asked], dtype=np.intc).reshape(len(asked), -1, 3)
         lists = {"directions": directions, "tables": np.ascontiguousarray(asked[0].tables), "probes": rows}
         counts = directions.shape[1], rows.shape[1]
         self._asked = abi.Structure(abi.Asked, **lists, count=counts[0], probe_count=counts[1])
@@ -168,7 +168,7 @@ class Predictions:
         copied.robot, copied._table, copied._actuations = robot, robot_table(robot), actuations
         if places is not None:
             rows = list(range(places.shape[1]))
-            copied._rows = [loads.placed(rows, own) for loads, own in zip(self._rows, places, strict=True)]
+            copied._rows = [loads.placed(rows, of_one) for loads, of_one in zip(self._rows, places, strict=True)]
             copied._addresses = np.array([rows.address for rows in copied._rows], dtype=np.uintp)
         return copied
 
@@ -180,8 +180,8 @@ class Predictions:
         """
         tubes = len(self.robot.tubes)
         if name in ("rotations", "translations"):
-            own = self._actuations[experiment]
-            return np.asarray(own[:tubes] if name == "rotations" else own[tubes:])
+            actuation = self._actuations[experiment]
+            return np.asarray(actuation[:tubes] if name == "rotations" else actuation[tubes:])
         rows = self._rows[experiment]
         match parsed(name):
             case ("observables", int(k), "arc_length"):

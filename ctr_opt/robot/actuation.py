@@ -5,7 +5,7 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from ..checks import ARRAY_EQ, Array, Checked, Entry, array, described, given
+from ..checks import ARRAY_EQ, Array, Checked, Entry, array, described, unchecked
 from ..errors import DefinitionError
 
 
@@ -36,8 +36,8 @@ class Actuation(Checked):
     """
 
     entries = described(rotations=Entry("rad", (None,)), translations=Entry("m", (None,)))
-    rotations: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
-    translations: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
+    rotations: Array = attrs.field(converter=unchecked, eq=ARRAY_EQ, hash=False)
+    translations: Array = attrs.field(converter=unchecked, eq=ARRAY_EQ, hash=False)
     read: Array | None = attrs.field(default=None, eq=False, repr=False, kw_only=True)
 
     def __attrs_post_init__(self) -> None:

@@ -105,7 +105,7 @@ def shown(unit: str) -> tuple[float, str]:
 
 
 @attrs.frozen(eq=False)
-class Parameter:
+class NamedNumber:
     """A named number, or an array of numbers, in SI.
 
     ``idle`` says why it does not act; empty if it acts. ``sources`` names the parameters from which it follows.
@@ -161,7 +161,7 @@ class NamedLoad(Protocol):
     def pulls(self) -> str:
         """The argument that accelerates masses; empty if none does."""
 
-    def numbers(self, prefix: str, pulled: bool) -> Iterable[Parameter]:
+    def numbers(self, prefix: str, pulled: bool) -> Iterable[NamedNumber]:
         """The load's numbers, names behind a prefix; ``pulled`` says whether any load accelerates masses."""
 
     def replaced(self, field: str, value: Any) -> Self:
@@ -171,7 +171,7 @@ class NamedLoad(Protocol):
 AnyLoad = TypeVar("AnyLoad", bound=NamedLoad)
 
 
-def parameters(robot: Robot, actuation: Actuation, loads: Sequence[NamedLoad] = ()) -> dict[str, Parameter]:
+def parameters(robot: Robot, actuation: Actuation, loads: Sequence[NamedLoad] = ()) -> dict[str, NamedNumber]:
     """Collect all parameters by name, with their present values.
 
     - ``rotations``, ``translations``: ``(tubes,)``, rad and m.
@@ -184,10 +184,10 @@ def parameters(robot: Robot, actuation: Actuation, loads: Sequence[NamedLoad] = 
     - The numbers of the loads by their arguments' names: ``loads[j].force`` and so on.
     """
     collected = [
-        Parameter("rotations", np.array(actuation.rotations)),
-        Parameter("translations", np.array(actuation.translations)),
-        Parameter("base.translation", np.zeros(3)),
-        Parameter("base.rotation", np.zeros(3)),
+        NamedNumber("rotations", np.array(actuation.rotations)),
+        NamedNumber("translations", np.array(actuation.translations)),
+        NamedNumber("base.translation", np.zeros(3)),
+        NamedNumber("base.rotation", np.zeros(3)),
     ]
     pulled = any(load.pulls for load in loads)
     for i, tube in enumerate(robot.tubes):
@@ -197,7 +197,7 @@ def parameters(robot: Robot, actuation: Actuation, loads: Sequence[NamedLoad] = 
     return {parameter.name: parameter for parameter in collected}
 
 
-def chosen(known: Mapping[str, Parameter], names: Iterable[str], field: str = "wrt") -> list[Parameter]:
+def chosen(known: Mapping[str, NamedNumber], names: Iterable[str], field: str = "wrt") -> list[NamedNumber]:
     """Select parameters by name, in the order of the names; messages name the argument ``field``.
 
     Raises
@@ -206,7 +206,7 @@ def chosen(known: Mapping[str, Parameter], names: Iterable[str], field: str = "w
         A name is unknown, is given twice, or belongs to a parameter that does not act; or a stiffness is chosen
         together with a modulus or a diameter from which it follows.
     """
-    selected: dict[str, Parameter] = {}
+    selected: dict[str, NamedNumber] = {}
     for name in names:
         parameter = known.get(name) if isinstance(name, str) else None
         if parameter is None:
@@ -228,27 +228,27 @@ def chosen(known: Mapping[str, Parameter], names: Iterable[str], field: str = "w
     return list(selected.values())
 
 
-def optional(name: str, value: Any, idle: str = "", **options: Any) -> Parameter:
+def optional(name: str, value: Any, idle: str = "", **options: Any) -> NamedNumber:
     """Describe a number that the user may have left out (None)."""
     if value is None:
         value, idle = np.nan, f"{field_of(name)} is not given"
-    return Parameter(name, np.array(value), idle, **options)
+    return NamedNumber(name, np.array(value), idle, **options)
 
 
-def _of_tube(prefix: str, tube: Tube, pulled: bool) -> Iterator[Parameter]:
+def _of_tube(prefix: str, tube: Tube, pulled: bool) -> Iterator[NamedNumber]:
     given, follow = tube.given_stiffnesses, {name: tube.sources(name) for name in STIFFNESSES}
     for name, sources in follow.items():
         names = () if name in given else tuple(prefix + source for source in sources)
-        yield Parameter(prefix + name, np.array(getattr(tube, name)), sources=names)
+        yield NamedNumber(prefix + name, np.array(getattr(tube, name)), sources=names)
     for field in ("youngs_modulus", "shear_modulus", "poisson_ratio", "outer_diameter", "inner_diameter"):
         led = [name for name, sources in follow.items() if field in sources]
         acts = not given.keys() >= set(led) or (field.endswith("diameter") and pulled and tube.density > 0.0)
         idle = f"{led[0]} is given" if len(led) == 1 else "the stiffnesses are given"
         yield optional(prefix + field, getattr(tube, field), "" if acts else idle)
-    yield Parameter(f"{prefix}density", np.array(tube.density), "" if pulled else "there is no Gravity")
+    yield NamedNumber(f"{prefix}density", np.array(tube.density), "" if pulled else "there is no Gravity")
     for k, piece in enumerate(tube.precurvature):
         for field in ("length", *filter(None, [piece.rows])):
-            yield Parameter(f"{prefix}precurvature[{k}].{field}", np.array(getattr(piece, field)))
+            yield NamedNumber(f"{prefix}precurvature[{k}].{field}", np.array(getattr(piece, field)))
 
 
 # -- other numbers in their place --------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self, cast
 import attrs
 import numpy as np
 
-from ..checks import ARRAY_EQ, Array, Checked, Entry, array, described, given
+from ..checks import ARRAY_EQ, Array, Checked, Entry, array, described, unchecked
 from ..errors import DefinitionError
 from .piecewise import PiecewisePolynomial
 
@@ -72,7 +72,7 @@ class Straight(Piece):
 
     kind = "straight"
     entries = described(length=_LENGTH)
-    length: float = attrs.field(converter=given)
+    length: float = attrs.field(converter=unchecked)
 
 
 @attrs.frozen
@@ -95,8 +95,8 @@ class Arc(Piece):
     kind = "arc"
     entries = described(length=_LENGTH, curvature=_Bend("1/m", (3,), scalar_too=True))
     rows = "curvature"
-    length: float = attrs.field(converter=given)
-    curvature: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
+    length: float = attrs.field(converter=unchecked)
+    curvature: Array = attrs.field(converter=unchecked, eq=ARRAY_EQ, hash=False)
 
 
 @attrs.frozen
@@ -123,8 +123,8 @@ class PolynomialCurvature(Piece):
     kind = "polynomial"
     entries = described(length=_LENGTH, coefficients=Entry("1/m", (None, 3)))
     rows = "coefficients"
-    length: float = attrs.field(converter=given)
-    coefficients: Array = attrs.field(converter=given, eq=ARRAY_EQ, hash=False)
+    length: float = attrs.field(converter=unchecked)
+    coefficients: Array = attrs.field(converter=unchecked, eq=ARRAY_EQ, hash=False)
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()
@@ -158,8 +158,8 @@ class SampledCurvature(Piece):
     entries = described(arc_length=Entry("m", (None,)), curvature=Entry("1/m", (None, 3)))
     csv = 4, {"arc_length": 0, "curvature": slice(1, 4)}
     rows = "curvature"
-    arc_length: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=given)
-    curvature: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=given)
+    arc_length: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=unchecked)
+    curvature: Array = attrs.field(eq=ARRAY_EQ, hash=False, converter=unchecked)
 
     def __attrs_post_init__(self) -> None:
         super().__attrs_post_init__()

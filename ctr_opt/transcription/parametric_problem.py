@@ -20,7 +20,7 @@ from ..layout.parametric_columns import ParametricColumns, fractions_of
 from ..loads.resolution import called
 from ..mechanics.law import straight_hamiltonian
 from ..mechanics.state import slices
-from ..robot.names import Parameter
+from ..robot.names import NamedNumber
 from .shooting import ShootingFunctions, shooting_functions
 
 PROBE: Key = ("probe", 0)
@@ -37,7 +37,7 @@ class ParametricProblem:
     def __init__(
         self,
         configuration: Configuration,
-        chosen: Sequence[Parameter],
+        chosen: Sequence[NamedNumber],
         integrator: str,
         probes: Sequence[tuple[float, int | None]] = (),
         *,

@@ -30,7 +30,7 @@ def main(path):
     figure = Figure(figsize=(10.5, 3.6), layout="constrained")
     before, after, ellipse = figure.subplots(1, 3)
     after.sharey(before)
-    errors = [1e3 * sizes_by_place(each, POINTS)["tip"] for each in (nominal, fit)]
+    errors = [1e3 * sizes_by_place(result, POINTS)["tip"] for result in (nominal, fit)]
     bins = np.arange(0.0, 17.0, 0.5)
     for ax, sizes, title in zip((before, after), errors, ("nominal", "calibrated, sum of distances"), strict=True):
         ax.hist(sizes, bins, color="#0072B2", edgecolor="white")

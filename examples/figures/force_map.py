@@ -35,12 +35,12 @@ def main(path):
     """Estimate, draw, save."""
     robot = ctr.load_robot(ROBOT)
     grid = [[estimate(robot, ctr.Actuation([turn, 0.0], [t, -0.0307])) for turn in TURNS] for t in TRANSLATIONS]
-    tips = 1e3 * np.array([[each.shape.tip_position for each in row] for row in grid])
+    tips = 1e3 * np.array([[estimate.shape.tip_position for estimate in row] for row in grid])
     radius, height = np.hypot(tips[..., 0], tips[..., 1]), tips[..., 2]
 
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     for ax, (title, (k, levels)) in zip(figure.subplots(1, 2, sharey=True), PANELS.items(), strict=True):
-        values = 1e3 * np.array([[each.axes[k].standard_deviation for each in row] for row in grid])
+        values = 1e3 * np.array([[estimate.axes[k].standard_deviation for estimate in row] for row in grid])
         drawn = ax.contourf(radius, height, values, levels, norm=LogNorm(), cmap="viridis", extend="both")
         ax.set(title=f"force {title}", xlabel="distance of the tip from the axis [mm]", aspect="equal")
         bar = figure.colorbar(drawn, ax=ax, label="standard deviation [mN]", ticks=levels, format="%g")

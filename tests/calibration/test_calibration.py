@@ -48,12 +48,12 @@ def test_slopes_against_differences(given, cases, compiled):
     estimation.prepare(equilibria)
     moments = [1.02 * each.unknowns + 1e-5 for each in equilibria]
     x = x + 0.01 * estimation.unknowns.scale * np.linspace(-1.0, 1.0, len(x))
-    told = estimation.linearize(x, moments)
+    reported = estimation.linearize(x, moments)
     for k in range(len(x)):
         h = np.zeros(len(x))
         h[k] = 1e-6 * estimation.unknowns.scale[k]
         after, before = estimation.linearize(x + h, moments), estimation.linearize(x - h, moments)
-        for layout, one, a, b in zip(estimation.layouts, told, after, before, strict=True):
+        for layout, one, a, b in zip(estimation.layouts, reported, after, before, strict=True):
             (column,) = np.flatnonzero(layout.acting == k)
             for field in ("misfit", "residual"):
                 expected = (getattr(a, field) - getattr(b, field)) / (2.0 * h[k])

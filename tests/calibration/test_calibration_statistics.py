@@ -43,7 +43,7 @@ def test_no_bias(found):
 
 @pytest.mark.slow
 def test_covariances_are_consistent(found):
-    """All ten numbers together, by the covariances told."""
+    """All ten numbers together, by the reported covariances."""
     least, most = central(chi2(10 * REPETITIONS))
     assert least < found.nees.sum() < most
 

@@ -201,9 +201,9 @@ def test_reports_tell_everything(mixed):
     assert factor.split()[1] == "1"
     assert not factor.rstrip().endswith("m^2")
     (knocked,) = [line for line in report.splitlines() if line.strip().startswith("knocked:")]
-    told = float(knocked.split()[1])
+    reported = float(knocked.split()[1])
     worst = max(each.size for each in mixed.residuals if each.experiment == 4 and each.measurement == 0)
-    assert told == pytest.approx(1e3 * worst, abs=0.01)  # mm of a point, not 1/m of a curvature
+    assert reported == pytest.approx(1e3 * worst, abs=0.01)  # mm of a point, not 1/m of a curvature
     assert len(mixed.residuals) == 6 * (3 + 1 + 1 + 2 + 1) + 1
 
 
@@ -262,7 +262,7 @@ def test_figures_of_few_numbers(names):
 
 
 def test_exact_data_without_a_noise_level():
-    """No division by nothing: errors are next to zero, whatever is told of outliers."""
+    """No division by nothing: errors are next to zero, whatever is reported of outliers."""
     data = with_points(experiments(ROBOT, 4, 1, points, noise=False), sigma=None)
     fit = problem(data=data).solve()
     assert fit.standard_errors[EI] < 1e-6 * fit.values[EI]

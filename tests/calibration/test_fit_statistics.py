@@ -84,7 +84,7 @@ def test_a_noise_level_that_is_too_small_is_rejected(robot, exact):
     np.testing.assert_allclose(flat(third.values), flat(given.values), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(flat(none.values), flat(given.values), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(none.covariance, third.covariance, rtol=1e-5)
-    np.testing.assert_allclose(none.noise * 1e-3, given.noise * SIGMA, rtol=1e-6)  # told in mm
+    np.testing.assert_allclose(none.noise * 1e-3, given.noise * SIGMA, rtol=1e-6)  # in mm
     assert np.isnan(none.p_value)
     assert "rejected; errors are for" in third.report()
     assert "from the residuals" in none.report()
@@ -96,9 +96,9 @@ def test_the_sandwich_is_the_scatter(robot, exact, loss):
     truth = truth_of(robot)
     fits = [fitted(robot, noisy(exact, seed, outliers=0.1), loss=loss) for seed in range(30)]
     off = np.array([flat(fit.values) for fit in fits]) - truth
-    told = np.array([flat(fit.standard_errors) for fit in fits])
+    reported = np.array([flat(fit.standard_errors) for fit in fits])
     scatter = np.sqrt((off**2).mean(axis=0))
-    ratio = np.sqrt((told**2).mean(axis=0)) / scatter
+    ratio = np.sqrt((reported**2).mean(axis=0)) / scatter
     assert (ratio > 0.6).all()
     assert (ratio < 1.4).all()
     squares = [fitted(robot, noisy(exact, seed, outliers=0.1)) for seed in range(15)]
@@ -285,9 +285,9 @@ def test_influence_is_what_leaving_out_does(robot, exact):
 def test_hold_outs(robot, spoilt):
     """What a fit to the others predicts; of the mistyped experiment the errors are larger than in its own fit."""
     fit = fitted(robot, spoilt)
-    told = fit.errors_without([2, 7])
+    reported = fit.errors_without([2, 7])
     other = fit.without([2, 7])
-    assert [each.experiment for each in told] == [2, 2, 7, 7]
+    assert [each.experiment for each in reported] == [2, 2, 7, 7]
     shape = solve(other.robot, *other.estimation.unknowns.experiment_at(flat(other.values), 0))
     assert shape.converged
     actuation = ctr.Actuation(
@@ -297,9 +297,9 @@ def test_hold_outs(robot, spoilt):
     held = solve(other.robot, actuation, spoilt[2].loads)
     ends = [t.length + b for t, b in zip(robot.tubes, actuation.translations, strict=True)]
     expected = held.position(ends) - spoilt[2].measurements[0].position
-    np.testing.assert_allclose([each.value for each in told[:2]], expected, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose([each.value for each in reported[:2]], expected, rtol=0.0, atol=1e-8)
     own = [each.size for each in fit.residuals if each.experiment == 7]
-    assert max(each.size for each in told[2:]) > max(own)
+    assert max(each.size for each in reported[2:]) > max(own)
     np.testing.assert_array_equal(fit.errors_without(2)[0].value, fit.errors_without([2])[0].value)
 
 
@@ -378,7 +378,7 @@ def test_refits_without_an_answer_are_errors(robot, exact, monkeypatch):
             assert "no equilibrium in experiment 4: lost. Try priors or bounds" in str(caught.value)
         with pytest.raises(ctr.EstimationError, match=r"bootstrap: 3 of 3 .* the first: repetition 0 did not converge"):
             fit.bootstrap(3)
-        start = fit.found.x[0] - 3.0 * error
+        start = fit.outcome.x[0] - 3.0 * error
         with pytest.raises(ctr.EstimationError, match=rf"the profile at {re.escape(NAMES[0])} = {start:g} did not"):
             fit.profile(NAMES[0])
         patched.setattr(refits, "without", lambda fit, experiments: fit)
@@ -400,7 +400,7 @@ def test_refits_of_what_does_not_act_are_errors():
 
 def test_refits_that_do_not_converge_are_errors(robot, exact, monkeypatch):
     fit = fitted(robot, noisy(exact, 1))
-    ended = attrs.evolve(fit.found, converged=False, message="no more steps", iterations=200)
+    ended = attrs.evolve(fit.outcome, converged=False, message="no more steps", iterations=200)
     monkeypatch.setattr(refits, "solve_reduced", lambda *_, **__: ended)
     with pytest.raises(
         ctr.EstimationError, match="the fit without experiment 1 did not converge after 200 iterations: no"

@@ -88,8 +88,8 @@ def test_squares_are_misled_and_say_so(given, fits):
 
 def test_residuals_are_those_of_plain_solves(given, fits):
     found = misses(fits["squared"].robot, given.experiments)
-    told = np.array([each.value for each in fits["squared"].residuals]).reshape(found.shape)
-    np.testing.assert_allclose(told, found, atol=4e-8)  # 1e-7 of 0.2 m, twice
+    reported = np.array([each.value for each in fits["squared"].residuals]).reshape(found.shape)
+    np.testing.assert_allclose(reported, found, atol=4e-8)  # 1e-7 of 0.2 m, twice
 
 
 def numbers(line):
@@ -131,7 +131,7 @@ def test_the_command_writes_the_whole_page(given, fits, tmp_path):
         (lambda text: text.replace('"0.627 mm"', '"0.627 kg"'), "sigma.position"),
     ],
 )
-def test_wrong_files_are_told_in_a_sentence(tmp_path, change, message):
+def test_wrong_files_are_reported_in_a_sentence(tmp_path, change, message):
     folder = tmp_path / "rjw"
     folder.mkdir()
     source = Path(FILE).parent

@@ -86,12 +86,12 @@ def test_what_is_held_out_is_predicted(given, fit, held):
         errors, angles = by_hand(given, fit, experiments)
         sizes = np.linalg.norm(errors, axis=1)
         (point,) = [line for line in lines if line.startswith(f"| tip (coil), {title} [mm]")]
-        told = [float(x) for x in re.findall(r"[-+]?\d+\.\d+", point)]
+        reported = [float(x) for x in re.findall(r"[-+]?\d+\.\d+", point)]
         axes = [f(axis) for axis in errors.T for f in (np.mean, np.std)]
-        np.testing.assert_allclose(told, [sizes.mean(), sizes.std(), sizes.max(), *axes], rtol=0.0, atol=6e-4)
+        np.testing.assert_allclose(reported, [sizes.mean(), sizes.std(), sizes.max(), *axes], rtol=0.0, atol=6e-4)
         (line,) = [line for line in lines if line.startswith(f"| direction, tip (coil), {title} [deg]")]
-        told = [float(x) for x in re.findall(r"\d+\.\d+", line)]
-        np.testing.assert_allclose(told, [angles.mean(), angles.std(), angles.max()], rtol=0.0, atol=6e-4)
+        reported = [float(x) for x in re.findall(r"\d+\.\d+", line)]
+        np.testing.assert_allclose(reported, [angles.mean(), angles.std(), angles.max()], rtol=0.0, atol=6e-4)
         assert sizes.mean() == pytest.approx(
             2.0 * 0.5 * np.sqrt(2.0 / np.pi), rel=0.1
         )  # Maxwell's, of 200 to 7 percent

@@ -11,7 +11,7 @@ from ctr_opt.files.calibration import load_calibration
 from ctr_opt.files.force import load_force_problem
 from ctr_opt.native.compile import compiler
 from ctr_opt.robot.names import parameters
-from tests.support.both_models import NUMBERS, pushed, same, told_by_both
+from tests.support.both_models import NUMBERS, predicted_by_both, pushed, same
 from tests.support.estimated import actuations, estimation, small_robot, solve
 from tests.support.perturbed import TIGHT, central, changed
 from tests.support.slow import some_slow
@@ -118,7 +118,7 @@ def test_both_models_tell_the_same(tubes, body):
     z = 2e-3 * rng.normal(size=2 + tubes + 3 * body)
     others = ["rotations", "translations", "base.rotation", "base.translation", "loads[1].arc_length"]
     measured = [ctr.BaseWrenchMeasurement(np.zeros(6), 1.0)]
-    same(*told_by_both(robot, actuation, loads, (NUMBERS, others), measured, z))
+    same(*predicted_by_both(robot, actuation, loads, (NUMBERS, others), measured, z))
 
 
 @compiled_too

@@ -55,9 +55,9 @@ def test_curvatures_are_those_of_shapes(tubes):
     measurements = []
     for tube, end in enumerate(ends):
         s = [0.0, 0.01, *(e - 1e-3 for e in ends[tube:]), *(e + 1e-3 for e in ends[tube + 1 :])]
-        told = [fibre(shape, tube, each) for each in s]
-        measurements.append(ctr.CurvatureMeasurement(s, told, sigma=1.0, tube=tube))
-        measurements.append(ctr.CurvatureMeasurement(s[1], told[1][:2], sigma=1.0, tube=tube))
+        reported = [fibre(shape, tube, each) for each in s]
+        measurements.append(ctr.CurvatureMeasurement(s, reported, sigma=1.0, tube=tube))
+        measurements.append(ctr.CurvatureMeasurement(s[1], reported[1][:2], sigma=1.0, tube=tube))
         at_end = fibre(shape, tube, end)
         measurements.append(ctr.CurvatureMeasurement([ctr.Distal(tube), end], [at_end] * 2, sigma=1.0, tube=tube))
     measurements.append(ctr.CurvatureMeasurement(None, fibre(shape, 0, shape.length), sigma=1.0))

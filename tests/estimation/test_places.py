@@ -22,7 +22,7 @@ WAYS = pytest.mark.parametrize(("method", "compiled"), EACH, ids=lambda way: NAM
 
 
 def scanned(robot, count, points, seed, *, noise=SIGMA, ordered=False, least=0.05, most=0.97):
-    """Experiments with points at seeded arc lengths, in order, which are told too."""
+    """Experiments with points at seeded arc lengths, in order, which are recorded too."""
     rng = np.random.default_rng(seed)
     found, places = [], []
     for each in experiments(robot, count, seed, noise=False, size=0.5):
@@ -39,7 +39,7 @@ def fitted(robot, data, names=NAMES, method="simultaneous", compiled=True, loss=
     return ctr.CalibrationProblem(start, data, names, loss=loss, tolerance=1e-9, compiled=compiled).solve(method=method)
 
 
-def told(fit):
+def reported(fit):
     return np.array([each.arc_length for each in fit.residuals])
 
 
@@ -63,7 +63,7 @@ def test_exact_points_tell_where_they_are(method, compiled):
     places[7:] = places[7:][mixed]
     fit = fitted(robot, data, method=method, compiled=compiled)
     np.testing.assert_allclose(flat(fit.values), truth(robot), rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(told(fit), places, rtol=0.0, atol=1e-6 * 0.1)
+    np.testing.assert_allclose(reported(fit), places, rtol=0.0, atol=1e-6 * 0.1)
 
 
 class Independent:
@@ -101,14 +101,14 @@ def noisy():
 def test_noisy_points_are_fitted_as_by_least_squares_over_all(noisy, method, compiled):
     """Both stop where their gradients are 1e-6 of a standard error or less from zero; so does what they say of errors.
 
-    The marginal of the whole information, of differences, is told to 1e-5 by theirs.
+    The marginal of the whole information, of differences, is within 1e-5 of theirs.
     """
     robot, data, independent, wanted = noisy
     fit = fitted(robot, data, method=method, compiled=compiled)
     values = flat(fit.values) / independent.scale
     errors = np.sqrt(np.diag(np.linalg.inv(wanted.jac.T @ wanted.jac)))
     assert np.abs((values - wanted.x[:2]) / errors[:2]).max() < 1e-5
-    np.testing.assert_allclose(told(fit), wanted.x[2:], rtol=0.0, atol=1e-5 * errors[2:].max())
+    np.testing.assert_allclose(reported(fit), wanted.x[2:], rtol=0.0, atol=1e-5 * errors[2:].max())
     np.testing.assert_allclose(fit.chi_squared, 2.0 * wanted.cost, rtol=1e-8)
     marginal = np.linalg.inv(wanted.jac.T @ wanted.jac)[:2, :2]
     np.testing.assert_allclose(fit.covariance, marginal * np.outer(independent.scale, independent.scale), rtol=1e-4)
@@ -128,10 +128,10 @@ def test_order_is_kept_where_noise_breaks_it(loss):
     (measured,) = data[0].measurements
     loose = attrs.evolve(data[0], measurements=[attrs.evolve(measured, ordered=False)])
     fit, other = (fitted(robot, [each], NAMES[:1], loss=loss) for each in (data[0], loose))
-    assert (np.diff(told(other)) < 0.0).any()
-    assert (np.diff(told(fit)) >= 0.0).all()
+    assert (np.diff(reported(other)) < 0.0).any()
+    assert (np.diff(reported(fit)) >= 0.0).all()
     assert fit.objective > other.objective
-    pooled = int((np.diff(told(fit)) == 0.0).sum())
+    pooled = int((np.diff(reported(fit)) == 0.0).sum())
     assert pooled
     assert fit.degrees_of_freedom == other.degrees_of_freedom + pooled
     (shape,) = fit.equilibria
@@ -143,7 +143,7 @@ def test_order_is_kept_where_noise_breaks_it(loss):
         return np.where(far, threshold * np.sqrt(squared) - 0.5 * threshold**2, 0.5 * squared).sum()
 
     steps = {"type": "ineq", "fun": np.diff, "jac": lambda _: np.diff(np.eye(14), axis=0)}
-    start = told(fit) / shape.length + 2e-3 * np.arange(-7, 7)
+    start = reported(fit) / shape.length + 2e-3 * np.arange(-7, 7)
     best = minimize(cost, start, method="SLSQP", constraints=steps, options={"ftol": 1e-13, "maxiter": 200})
     np.testing.assert_allclose(fit.objective, best.fun, rtol=1e-7)
 
@@ -159,7 +159,7 @@ def test_points_beyond_the_tip_are_measured_at_the_tip():
         data[k] = attrs.evolve(each, measurements=[ctr.BackboneMeasurement(position, SIGMA)])
     for method in ("simultaneous", "reduced"):
         fit = fitted(robot, data, method=method)
-        for equilibrium, own in zip(fit.equilibria, np.split(told(fit), 2), strict=True):
+        for equilibrium, own in zip(fit.equilibria, np.split(reported(fit), 2), strict=True):
             np.testing.assert_array_equal(own[5:], [equilibrium.length, 0.0])
         assert fit.degrees_of_freedom == 2 * 7 * 3 - 2 * 5 - 2
         np.testing.assert_allclose([fit.residuals[k].size for k in (5, 6)], 5e-3, rtol=0.0, atol=5e-4)
@@ -180,7 +180,7 @@ def test_the_tip_may_move(name, method):
     unknown = ctr.Parameter(name, initial=wanted - 4e-3, scale=0.01)
     fit = ctr.CalibrationProblem(robot, data, [unknown], tolerance=1e-9, compiled=True).solve(method=method)
     np.testing.assert_allclose(fit.values[name], wanted, rtol=0.0, atol=1e-7)
-    np.testing.assert_allclose(told(fit), np.concatenate(places), rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(reported(fit), np.concatenate(places), rtol=0.0, atol=1e-7)
 
 
 def test_the_tip_may_pass_from_tube_to_tube():
@@ -200,7 +200,7 @@ def test_the_tip_may_pass_from_tube_to_tube():
     for fit in fits:
         np.testing.assert_allclose(flat(fit.values), flat(fits[0].values), rtol=0.0, atol=1e-8)
         np.testing.assert_allclose(fit.deviations, fits[0].deviations, rtol=1e-6)
-        assert told(fit)[3] == pytest.approx(0.07 + flat(fit.values)[0], abs=1e-12)
+        assert reported(fit)[3] == pytest.approx(0.07 + flat(fit.values)[0], abs=1e-12)
     np.testing.assert_allclose(fits[0].deviations, SIGMA, rtol=0.2)  # as of the one point at the tip
 
 
@@ -220,7 +220,7 @@ def test_slopes_are_differences(many):
     names = [*NAMES, "tubes[0].translation_offset"]
     for compiled in (True, False):
         fit = ctr.CalibrationProblem(robot, data[:2], names, tolerance=1e-9, compiled=compiled).nominal()
-        made, x, states = fit.estimation, fit.estimation.unknowns.initial, fit.found.states
+        made, x, states = fit.estimation, fit.estimation.unknowns.initial, fit.outcome.states
         (here, _) = made.linearize(x, states)
         scale = made.unknowns.scale[made.layouts[0].acting]
         both = np.hstack((here.misfit_x * scale, here.misfit_z * made.units[0], here.misfit_s))
@@ -246,7 +246,7 @@ def test_leaving_out_and_holding_out(many):
     np.testing.assert_allclose(fit.influence[1], change @ np.linalg.solve(fit.covariance, change) / 2.0, rtol=0.3)
     held = fit.errors_without(1)
     assert [each.experiment for each in held] == [1] * 6
-    shape = solve(other.robot, *fit.estimation.unknowns.experiment_at(other.found.x, 1), 1e-11)
+    shape = solve(other.robot, *fit.estimation.unknowns.experiment_at(other.outcome.x, 1), 1e-11)
     for each, point in zip(held, data[1].measurements[0].position, strict=True):
         s = np.linspace(-1e-5, 1e-5, 3) + each.arc_length  # a foot of the perpendicular
         near = np.linalg.norm(shape.position(s) - point, axis=1)
@@ -282,7 +282,7 @@ def test_outlying_points(many, loss):
 
 
 def test_beside_other_measurements_and_parameters(many):
-    """Two scans, one of them ordered, a tip and a torque; an experiment's own load is told, and the report says so."""
+    """Two scans, one of them ordered, a tip and a torque; an experiment's own load is estimated and reported."""
     robot, data, _ = many
     each = data[1]
     shape = solve(robot, each.actuation, each.loads, 1e-11)
@@ -298,7 +298,7 @@ def test_beside_other_measurements_and_parameters(many):
     one = ctr.Experiment(each.actuation, [pushed], measured)
     fit = ctr.CalibrationProblem(robot, [one], ["experiments[0].loads[0].force"], tolerance=1e-9, compiled=True).solve()
     np.testing.assert_allclose(flat(fit.values), each.loads[0].force, rtol=1e-6)
-    np.testing.assert_allclose(told(fit)[:11], [*s[::-1], shape.length, *s], rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(reported(fit)[:11], [*s[::-1], shape.length, *s], rtol=0.0, atol=1e-7)
     assert "arc lengths           10 of points on the backbone" in fit.report()
     assert "somewhere along it    mean 0.000" in fit.report()
     assert "measurements" not in "".join(fit.labels)
@@ -344,6 +344,6 @@ def test_steps_and_free_ways_of_places():
         (([[0.0, 0.0, 0.1]], 1e-3, 1), "ordered = 1 must be True or False"),
     ],
 )
-def test_wrong_points_are_told(arguments, message):
+def test_wrong_points_are_reported(arguments, message):
     with pytest.raises(ctr.DefinitionError, match=message):
         ctr.BackboneMeasurement(*arguments)

@@ -43,11 +43,11 @@ def tips(shape):
     return [each for each in both(shape) if getattr(each, "sensor", None) == "coil"]
 
 
-def made(robot, measured, count=8, homes=HOMES, told=None):
-    """Experiments without noise, their joints told without the home offsets."""
+def made(robot, measured, count=8, homes=HOMES, reported=None):
+    """Experiments without noise, their joints recorded without the home offsets."""
     moved = [[homes.get(f"tubes[{i}].{kind}_offset", 0.0) for i in (0, 1)] for kind in ("rotation", "translation")]
     found = []
-    for each in told or actuations(np.random.default_rng(3), robot, count):
+    for each in reported or actuations(np.random.default_rng(3), robot, count):
         real = ctr.Actuation(each.rotations + moved[0], each.translations + moved[1])
         found.append(ctr.Experiment(each, [], measured(solve(robot, real, tolerance=1e-11))))
     return found
@@ -154,8 +154,8 @@ def test_homes_and_the_roll_of_the_base(robot):
 def test_arcs_that_begin_at_the_entry(robot):
     """Slopes by translations have two sides there, where the fit starts: one is taken, and it ends at the truth."""
     rotations = np.random.default_rng(4).uniform(-1.5, 1.5, (8, 2))
-    told = [ctr.Actuation(each, [-0.16, -0.09]) for each in rotations]
+    reported = [ctr.Actuation(each, [-0.16, -0.09]) for each in rotations]
     offset = "tubes[0].translation_offset"
-    data = made(robot, tips, homes={offset: -2e-3}, told=told)
+    data = made(robot, tips, homes={offset: -2e-3}, reported=reported)
     fit = ctr.CalibrationProblem(robot, data, ["sensors.coil.translation", COIL_TURN, offset], compiled=True).solve()
     np.testing.assert_allclose(fit.values[offset], -2e-3, rtol=0.0, atol=1e-6)

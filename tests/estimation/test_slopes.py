@@ -71,12 +71,12 @@ def test_slopes_are_differences(name):
     moments = [z + 0.02 * unit for z, unit in zip(start, units, strict=True)]
     here = made.linearize(x0, moments)
 
-    def told(x, z):
+    def reported(x, z):
         return [part for each in made.linearize(x, z) for part in (each.misfit, each.residual)]
 
     for k, label in enumerate(made.unknowns.labels):
         along = scale * (np.arange(len(x0)) == k)
-        found = difference(lambda h, along=along: told(x0 + h * along, moments), 1e-4)
+        found = difference(lambda h, along=along: reported(x0 + h * along, moments), 1e-4)
         for e, each in enumerate(here):
             acting = made.layouts[e].acting
             (column,) = np.nonzero(acting == k)
@@ -87,7 +87,7 @@ def test_slopes_are_differences(name):
     for k in range(len(units[0])):
         along = [unit * (np.arange(len(unit)) == k) for unit in units]
         found = difference(
-            lambda h, along=along: told(x0, [z + h * one for z, one in zip(moments, along, strict=True)]), 1e-4
+            lambda h, along=along: reported(x0, [z + h * one for z, one in zip(moments, along, strict=True)]), 1e-4
         )
         for e, (each, unit) in enumerate(zip(here, units, strict=True)):
             for mine, wanted in ((each.misfit_z, found[2 * e]), (each.residual_z, found[2 * e + 1])):

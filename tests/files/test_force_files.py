@@ -139,7 +139,7 @@ def written(folder, change=lambda text: text):
         (lambda text: text.replace("[-0.3, -0.2, -0.1]", "[-0.35, -0.2, -0.1]"), "is at s ="),
     ],
 )
-def test_wrong_files_are_told_in_a_sentence(tmp_path, change, message):
+def test_wrong_files_are_reported_in_a_sentence(tmp_path, change, message):
     result = CliRunner().invoke(cli, ["estimate", str(written(tmp_path, change))])
     assert result.exit_code == 2
     assert message in str(result.exception) + result.output

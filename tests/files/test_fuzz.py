@@ -37,7 +37,7 @@ def test_rebuilt_tables(files):
     fuzzing.check(files)
 
 
-def test_a_hang_is_told(monkeypatch):
+def test_a_hang_is_reported(monkeypatch):
     monkeypatch.setattr(fuzzing, "LONGEST", 0.05)
     monkeypatch.setattr(ctr, "load_robot", lambda _: time.sleep(10.0))
     with pytest.raises(fuzzing.Hang):

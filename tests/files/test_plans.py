@@ -116,7 +116,7 @@ def test_a_case_that_is_not_as_expected_ends_with_code_1(tmp_path):
     assert "2 of 3 as expected" in result.output
 
 
-def test_a_case_that_is_not_solved_is_told_and_the_others_go_on(tmp_path):
+def test_a_case_that_is_not_solved_is_reported_and_the_others_go_on(tmp_path):
     # Pressed at a hundred times its critical load, shooting alone ends at the first bifurcation.
     rod = Path("problems/single_rod/straight_rod.toml").read_text("utf-8")
     plan = 'title = "rods"\nrobot = "rod.toml"\ncases = "plan.csv"\n[source]\ntext = "made up"\n'
@@ -177,10 +177,10 @@ TOML = (FOLDER / "plan.toml").read_text("utf-8")
     ],
 )
 def test_wrong_plans_are_refused(tmp_path, table, toml, words):
-    with pytest.raises(ctr.DefinitionError) as told:
+    with pytest.raises(ctr.DefinitionError) as reported:
         ctr.load_plan(written(tmp_path, table, toml))
     for word in words:
-        assert word in str(told.value)
+        assert word in str(reported.value)
 
 
 def test_columns_may_stand_in_any_order(tmp_path):

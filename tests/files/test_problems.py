@@ -49,3 +49,13 @@ def test_the_nuts_weigh_what_the_paper_says():
         result = ctr.load_problem(ROOT / "rjw_s1" / f"{name}.toml").solve()
         # The nuts' masses are written with seven digits.
         np.testing.assert_allclose(result.internal_force(0.0), [-0.05696 * 9.81, 0.0, 0.0], atol=1e-7)
+
+
+def test_a_file_of_a_user_needs_no_source(tmp_path):
+    (tmp_path / "robot.toml").write_text((ROOT / "rjw_s1" / "robot.toml").read_text("utf-8"), "utf-8")
+    (tmp_path / "problem.toml").write_text(
+        'title = "mine"\nrobot = "robot.toml"\n[actuation]\nrotations = [0, 0]\ntranslations = [-0.1, -0.03]\n', "utf-8"
+    )
+    problem = ctr.load_problem(tmp_path / "problem.toml")
+    assert (problem.source, problem.does_not_claim) == ("", "")
+    assert problem.solve().converged

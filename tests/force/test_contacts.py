@@ -153,7 +153,7 @@ def test_a_surface_without_friction_pushes_along_its_normal(touched):
 
 @pytest.mark.parametrize("friction", [None, FRICTION])
 def test_a_surface_does_not_pull(touched, friction):
-    """Nothing is left of a pull, exactly; what remains is told as inconsistent. So strong a pull leaves no doubt."""
+    """Nothing is left of a pull, exactly; the rest is reported as inconsistent. So strong a pull leaves no doubt."""
     normal, _, unit, estimate = touched
     found = estimate(-1.0, 0.0, normal=normal, friction=friction)
     assert not found.force.any()

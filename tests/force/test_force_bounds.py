@@ -77,7 +77,7 @@ def test_every_kind_is_kept_within(given, kind):
 
 
 def test_a_contact_is_looked_for_where_it_can_be(given):
-    """Where the truth is, as without; where it is not, at the edge, and told as inconsistent."""
+    """Where the truth is, as without; where it is not, at the edge, and reported as inconsistent."""
     robot, actuation, _ = given
     measured = seen(given, np.array([0.2, -0.3, 0.0]), 0.12)
     free, around, off = (

@@ -70,9 +70,12 @@ def test_errors_of_the_base_add_to_a_distributed_force_what_they_are_said_to(giv
     before = seen(shape)
     beside = ctr.PositionMeasurement(before.arc_length, before.position + np.array([2e-5, 0.0, 0.0]), SIGMA)
     estimate, other = (problem.solve(actuation, each) for each in (before, beside))
-    (told,) = (each for each in estimate.systematic if each.description == "shift of the base along x")
+    (reported,) = (each for each in estimate.systematic if each.description == "shift of the base along x")
     np.testing.assert_allclose(
-        (other.force - estimate.force) / 2e-5, told.force_rate, rtol=0.01, atol=0.01 * np.linalg.norm(told.force_rate)
+        (other.force - estimate.force) / 2e-5,
+        reported.force_rate,
+        rtol=0.01,
+        atol=0.01 * np.linalg.norm(reported.force_rate),
     )
 
 

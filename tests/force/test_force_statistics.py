@@ -22,7 +22,7 @@ def found():
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("sought", REGIMES)
-def test_errors_are_those_told(found, sought, robot):
+def test_errors_are_those_reported(found, sought, robot):
     """Root-mean-square errors, of sums of sixty squares, are within 0.71 to 1.31 of the bound."""
     study, trials = found[sought, robot]
     assert study.at_truth.axes[2].standard_deviation < 0.1 * study.unit[0]  # the linearized regime

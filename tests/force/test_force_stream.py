@@ -97,7 +97,7 @@ class Linear:
 class Filter:
     """Kalman's, of the force and of errors that do not drift: from what came before, through the samples of a window.
 
-    What a sample that leaves the window told of the errors is forgotten: as if their gain had been zero (Schmidt).
+    What a sample that leaves the window says of the errors is forgotten: as if their gain had been zero (Schmidt).
     """
 
     def __init__(self, linear, horizon):
@@ -111,7 +111,7 @@ class Filter:
             spread = spread + np.diag([(time - since) * self.linear.drift**2] * 3 + [0.0] * self.linear.errors)
         return time, mean, spread
 
-    def told(self, belief, seen, learned=True):
+    def updated(self, belief, seen, learned=True):
         """By a sample, in the form of Joseph; also the innovation's square."""
         (time, mean, spread), slopes, noise = belief, self.linear.slopes, self.linear.sigma**2 * np.eye(36)
         innovation = (seen.position - self.linear.points).ravel() - slopes @ mean
@@ -127,16 +127,16 @@ class Filter:
         """By all samples."""
         belief = self.before
         for when, seen in self.window:
-            belief, _ = self.told(self.later(belief, when), seen)
+            belief, _ = self.updated(self.later(belief, when), seen)
         return self.later(belief, time)
 
     def update(self, time, seen):
         """Take another sample, and tell the square of its innovation."""
-        _, square = self.told(self.at(time), seen)
+        _, square = self.updated(self.at(time), seen)
         self.window.append((time, seen))
         if len(self.window) > self.horizon:
             when, oldest = self.window.pop(0)
-            self.before, _ = self.told(self.later(self.before, when), oldest, learned=False)
+            self.before, _ = self.updated(self.later(self.before, when), oldest, learned=False)
         return square
 
 
@@ -365,7 +365,7 @@ def test_a_burst_of_wild_samples_is_left_out_cheaply(scene, stream, alone, monke
     assert estimator.update(*stream[4]).status == "used"
 
 
-def test_what_no_backbone_reaches_is_told_exactly():
+def test_what_no_backbone_reaches_is_reported_exactly():
     """Two points 30 mm farther apart than the arc between them, a third in reach; none is far from the entry point."""
     robot = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, ctr.Straight(0.1), youngs_modulus=60e9, poisson_ratio=0.3)])
     points = [[0.0, 0.0, 0.02], [0.0, 0.05, 0.02], [0.0, 0.0, 0.06]]
@@ -400,7 +400,7 @@ def test_points_somewhere_are_followed(scene):
     assert np.abs((found.force - force) / found.deviations).max() < 4.0
 
 
-def test_a_force_along_a_normal_is_told_as_a_vector(scene):
+def test_a_force_along_a_normal_is_reported_as_a_vector(scene):
     rng = np.random.default_rng(14)
     unknown = ctr.PointForce(0.1, normal=[0.0, 2.0, 0.0])
     estimator = ctr.ForceEstimator(scene.robot, unknown, rate=RATE, drift=scene.size, compiled=True)

@@ -95,12 +95,12 @@ def test_sizes_beyond_first_order_are_not_told():
 
 
 def test_reports_tell_the_worst_of_each_kind(estimate):
-    told = estimate.report().partition("until they are detected (with 95 %):\n")[2].splitlines()
+    reported = estimate.report().partition("until they are detected (with 95 %):\n")[2].splitlines()
     worst = [
         max((each for each in estimate.systematic if each.kind == kind), key=lambda each: each.mimicked)
         for kind in ("shift", "tilt", "curvature", "stiffness")
     ]
-    assert [line.strip() for line in told] == [str(each) for each in worst]
+    assert [line.strip() for line in reported] == [str(each) for each in worst]
 
 
 @pytest.mark.parametrize("kind", ["shift", "tilt"])
@@ -149,11 +149,11 @@ def test_both_kinds_of_model_tell_the_same(rod):
     held, places = ctr.Actuation([0.3], [0.0]), [0.03, 0.06, 0.09]
     seen = ctr.ForwardProblem(rod).solve(held, [ctr.PointWrench([0.2, 0.1, 0.0])]).position(places)
     measured = ctr.PositionMeasurement(places, seen, 1e-4)
-    told = [
+    reported = [
         ctr.ForceEstimationProblem(rod, [ctr.TipForce()], compiled=compiled).solve(held, measured).systematic
         for compiled in (True, False)
     ]
-    for compiled, virtual in zip(*told, strict=True):
+    for compiled, virtual in zip(*reported, strict=True):
         np.testing.assert_allclose(virtual.rates, compiled.rates, atol=1e-5 * np.abs(compiled.rates).max())
         assert virtual.noncentrality == pytest.approx(compiled.noncentrality, rel=1e-5)
 

@@ -76,14 +76,14 @@ def test_slopes_are_differences_of_equilibria(name):
     size = 1e-3 * (np.abs(value).max() or 1.0)
     start = solve(robot, actuation, loads, TIGHT)
 
-    def told(number):
+    def reported(number):
         made, held, pushed = changed(robot, actuation, loads, name, value + number.reshape(value.shape))
         shape = ctr.ForwardProblem(made, tolerance=TIGHT).solve(held, pushed, initial=start)
         return np.array([shape.actuator_wrench(i)[0] for i in range(2)])
 
     for k in range(value.size):
         one = np.eye(value.size)[k]
-        wanted = central(lambda h, one=one: told(h * one), size)
+        wanted = central(lambda h, one=one: reported(h * one), size)
         np.testing.assert_allclose(slopes[:, k], wanted, rtol=0.0, atol=1e-6 * np.abs(slopes).max())
 
 
@@ -93,12 +93,12 @@ def test_offsets_move_break_points():
     (actuation,) = actuations(np.random.default_rng(4), robot, 1)
     _, slopes = predicted(robot, actuation, pulled(2)[:1], ["tubes[1].translation_offset"])
 
-    def told(h):
+    def reported(h):
         other = attrs.evolve(actuation, translations=actuation.translations + h * np.eye(2)[1])
         shape = solve(robot, other, pulled(2)[:1], TIGHT)
         return np.array([shape.actuator_wrench(i)[0] for i in range(2)])
 
-    np.testing.assert_allclose(slopes[:, 0], central(told, 2e-5), rtol=1e-6)
+    np.testing.assert_allclose(slopes[:, 0], central(reported, 2e-5), rtol=1e-6)
 
 
 @pytest.mark.parametrize("method", some_slow(["simultaneous", "reduced"], ["simultaneous"]))
@@ -133,7 +133,7 @@ def _both(shape):
     return [ctr.PositionMeasurement(ctr.Distal(1), end, sigma=5e-4), *forces(shape)]
 
 
-def test_wrong_forces_are_told():
+def test_wrong_forces_are_reported():
     with pytest.raises(ctr.DefinitionError, match="force = 'much' must be a finite number in N"):
         ctr.ForceMeasurement(0, "much")
     with pytest.raises(ctr.DefinitionError, match="sigma = 0 must be"):

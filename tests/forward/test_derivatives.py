@@ -444,7 +444,7 @@ def simple():
         ("energy", "translations", "a load is given as a function of s"),
     ],
 )
-def test_wrong_names_are_told(simple, of, wrt, message):
+def test_wrong_names_are_reported(simple, of, wrt, message):
     with pytest.raises(ctr.DefinitionError) as error:
         simple.sensitivity(of, wrt)
     assert message in str(error.value)

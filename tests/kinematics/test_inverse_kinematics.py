@@ -157,7 +157,7 @@ def test_one_tube_reaches_what_it_sweeps_and_says_what_it_does_not():
 # -- limits ------------------------------------------------------------------------------------------------------------
 
 
-def test_limits_are_kept_and_told(shape):
+def test_limits_are_kept_and_reported(shape):
     ranges = [[-0.32, -0.05], [-0.22, -0.04], [-0.11, -0.02]]
     limits = ctr.JointLimits(rotations=[[-2.0, 2.0]] * 3, translations=ranges, base_gap=0.01, tip_gap=0.02)
     problem = ctr.InverseKinematicsProblem(ctr.load_robot(ROBOT_B), limits=limits, compiled=True)
@@ -182,7 +182,7 @@ def test_tubes_reach_as_far_as_the_loads_on_them(problem, shape):
     assert "translations[0] at least -0.2129 m" in answer.limits
 
 
-def test_far_targets_are_told_with_the_nearest_shape(problem):
+def test_far_targets_are_reported_with_the_nearest_shape(problem):
     behind = np.array([0.0, 0.0, -0.1])  # the entry, so that the robot is drawn in as far as it goes
     answer = problem.solve(behind)
     assert answer.status is ctr.InverseKinematicsStatus.UNREACHABLE
@@ -261,7 +261,7 @@ def test_a_path_is_planned_anew_when_a_load_appears(problem, shape):
     assert np.abs(free.actuations[-1] - rest.actuations[-1]).max() > 0.01  # the load is felt
 
 
-def test_where_a_path_breaks_off_is_told(problem, shape):
+def test_where_a_path_breaks_off_is_reported(problem, shape):
     targets = [*circle(shape.tip_position, 0.001, 3)[:2], [0.0, 0.0, 1.0]]
     with pytest.raises(ctr.SolveError, match=r"breaks off on the way to targets\[2\]: .*limits") as caught:
         problem.solve_path(targets, initial=shape)
@@ -371,7 +371,7 @@ def wrong(problem, shape):
     }
 
 
-def test_wrong_input_is_told(problem, shape):
+def test_wrong_input_is_reported(problem, shape):
     for name, (call, words) in wrong(problem, shape).items():
         with pytest.raises(ctr.DefinitionError) as caught:
             call()

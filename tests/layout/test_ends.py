@@ -89,12 +89,12 @@ def test_solves_agree_on_chains(steps):
     fast = compiled.solve(ctr.Actuation(rotations, translations), loads)
     shape = slow.solve(ctr.Actuation(rotations, translations), loads, initial=fast)
     assert isinstance(fast.record, CompiledRecord)
-    told = slow.function(shape)(rotations=rotations, translations=translations, initial=shape.unknowns)
+    reported = slow.function(shape)(rotations=rotations, translations=translations, initial=shape.unknowns)
     expected = fast.pose(fast.length, 0)
     assert np.abs(expected - fast.pose(fast.length, 1)).max() > 0.1  # the tubes are turned otherwise
     for pose in (fast.tip_pose, shape.tip_pose, shape.pose(shape.length)):
         np.testing.assert_allclose(pose, expected, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(told["tip_rotation"].full(), expected[:3, :3], rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(reported["tip_rotation"].full(), expected[:3, :3], rtol=0.0, atol=1e-7)
     slopes = shape.jacobian(side=1)
     np.testing.assert_allclose(fast.jacobian(side=1), slopes, rtol=0.0, atol=1e-6 * np.abs(slopes).max())
     np.testing.assert_allclose(fast.compliance(), shape.compliance(), rtol=1e-6, atol=1e-6)

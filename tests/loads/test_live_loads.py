@@ -383,7 +383,7 @@ def test_the_energy_refuses_loads_without_potential_by_name(load, words):
         (lambda: ctr.PointWrench([1, 0, 0], frame="tube"), "frame = 'tube' must be 'world' or 'body'"),
     ],
 )
-def test_wrong_loads_are_told(make, words):
+def test_wrong_loads_are_reported(make, words):
     with pytest.raises(ctr.DefinitionError, match=words):
         make()
 

@@ -309,13 +309,13 @@ def test_a_compiler_that_is_named_but_does_not_work(monkeypatch, caplog, given):
     assert f"CC={given}" in caplog.text
 
 
-def test_an_error_in_the_source_is_told(cache):
+def test_an_error_in_the_source_is_reported(cache):
     with pytest.raises(CompilationError, match=r"ended with status 1: .*-O3(.|\n)*code.c(.|\n)*error"):
         load("answer", "int answer( {")
     assert not libraries(cache)
 
 
-def test_the_last_lines_of_a_failing_compiler_are_told(calls):
+def test_the_last_lines_of_a_failing_compiler_are_reported(calls):
     calls.does("for i in $(seq 100); do echo line $i; done; echo out of order >&2; exit 3")
     with pytest.raises(CompilationError, match=r"status 3(.|\n)*line 100\nout of order$") as raised:
         load("answer", answer(42))
@@ -480,7 +480,7 @@ def fails():
     raise ValueError("no source")
 
 
-def test_a_background_build_that_fails_is_told_once_and_raises_nothing(caplog):
+def test_a_background_build_that_fails_is_reported_once_and_raises_nothing(caplog):
     builds = [Build("answer", Source(fails)) for _ in range(2)]
     assert [build.result() for build in builds] == [None, None]
     assert not any(build.ready() for build in builds)

@@ -164,9 +164,9 @@ def test_errors_are_the_same():
     for actuation, loads in cases:
         messages = []
         for problem in (compiled, machine):
-            with pytest.raises(ctr.DefinitionError) as told:
+            with pytest.raises(ctr.DefinitionError) as reported:
                 problem.solve(actuation, loads)
-            messages.append(str(told.value))
+            messages.append(str(reported.value))
         assert messages[0] == messages[1]
     with pytest.raises(ctr.DefinitionError, match="compiled = 1 must be True or False"):
         ctr.ForwardProblem(rod(), compiled=1)
@@ -314,7 +314,7 @@ def test_failed_rows_are_marked_and_stop_nothing(compiled):
         _ = batch[1].tip_position
 
 
-def test_wrong_rows_are_told():
+def test_wrong_rows_are_reported():
     problem = ctr.ForwardProblem(rod(), compiled=False)
     cases = {
         "rotations has shape": (np.zeros((3, 2)), np.zeros((3, 1))),

@@ -9,7 +9,7 @@ from ctr_opt.force.model import loaded_model
 from ctr_opt.layout.observables import Distal
 from ctr_opt.native.compile import compiler
 from ctr_opt.robot.names import parameters
-from tests.support.both_models import NUMBERS, pushed, same, told_by_both
+from tests.support.both_models import NUMBERS, predicted_by_both, pushed, same
 from tests.support.estimated import actuations, arc_length, estimation, fibre, flat, off_by, small_robot, solve
 from tests.support.perturbed import TIGHT, central, changed
 from tests.support.slow import some_slow
@@ -35,7 +35,7 @@ def numbers_of(tubes):
 def predicted(robot, actuation, loads, wanted, places, z):
     """Curvatures ``(2, places, 3)`` and their slopes by both models, at places of tubes."""
     measured = [ctr.CurvatureMeasurement(s, [[0.0] * 3], 1.0, tube) for s, tube in places]
-    return told_by_both(robot, actuation, loads, wanted, measured, z)
+    return predicted_by_both(robot, actuation, loads, wanted, measured, z)
 
 
 @pytest.mark.parametrize(("tubes", "body"), some_slow([(1, False), (3, False), (2, True)], [(1, False)]))
@@ -82,12 +82,12 @@ def test_slopes_are_differences_of_equilibria(tubes):
         direction = rng.uniform(-1.0, 1.0, value.shape)
         h = STEPS.get(name, 1e-3 * max(np.abs(value).max(), 1e-3))
 
-        def told(x, name=name, value=value, direction=direction):
+        def reported(x, name=name, value=value, direction=direction):
             made, held, pushing = changed(robot, actuation, loads, name, value + x * direction)
             shape = ctr.ForwardProblem(made, tolerance=TIGHT).solve(held, pushing, initial=start)
             return np.array([fibre(shape, tube, arc_length(shape, s) if s is None else s) for s, tube in places])
 
-        wanted = central(told, h)
+        wanted = central(reported, h)
         found = slopes[..., first : first + value.size] @ np.ravel(direction)
         np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-6 * np.abs(wanted).max(), err_msg=name)
         first += value.size
@@ -100,18 +100,18 @@ def test_values_have_the_side_of_shapes():
     shape = solve(robot, actuation, loads, TIGHT)
     ends = actuation.translations + [tube.length for tube in robot.tubes]
     places = [(0.0, 1), (0.03, 1), (0.03, 0), (float(ends[1]), 1), (float(ends[1]), 0), (None, 0)]
-    told, _ = predicted(robot, actuation, loads, ((), ()), places, shape.unknowns)
+    reported, _ = predicted(robot, actuation, loads, ((), ()), places, shape.unknowns)
     s = [min(shape.length if place is None else place, ends[tube] - 1e-11) for place, tube in places]
     wanted = [fibre(shape, tube, each) for each, (_, tube) in zip(s, places, strict=True)]
-    np.testing.assert_allclose(told[0], wanted, rtol=0.0, atol=1e-7)  # 1e-11 m in front of an end
+    np.testing.assert_allclose(reported[0], wanted, rtol=0.0, atol=1e-7)  # 1e-11 m in front of an end
 
 
 def along(shape, rng=None, tube=0, count=20, noise=0.05):
     """A fibre in a tube, from its entry to near its end."""
     s = np.linspace(0.02, 0.98, count) * arc_length(shape, Distal(tube))
-    told = np.array([fibre(shape, tube, each)[:2] for each in s])
+    reported = np.array([fibre(shape, tube, each)[:2] for each in s])
     return ctr.CurvatureMeasurement(
-        s, told + (0.0 if rng is None else noise * rng.normal(size=told.shape)), noise, tube
+        s, reported + (0.0 if rng is None else noise * rng.normal(size=reported.shape)), noise, tube
     )
 
 

@@ -10,7 +10,7 @@ from ctr_opt.layout.observables import Observable
 from ctr_opt.native.compile import compiler
 from ctr_opt.native.predictions import Predictions
 from ctr_opt.robot.names import parameters
-from tests.support.both_models import NUMBERS, pushed, same, told_by_both
+from tests.support.both_models import NUMBERS, predicted_by_both, pushed, same
 from tests.support.estimated import actuations, experiments, flat, off_by, small_robot, solve
 from tests.support.perturbed import TIGHT, central, changed
 from tests.support.slow import some_slow
@@ -51,7 +51,7 @@ def test_both_models_tell_the_same(tubes, body):
     others = ["rotations", "translations", "base.rotation", "base.translation", "tubes[0].precurvature[2].curvature"]
     others += [f"tubes[{tubes - 1}].{field}" for field in ("outer_diameter", "youngs_modulus", "shear_modulus")]
     others += [f"tubes[{i}].precurvature[1].curvature" for i in range(tubes)]
-    same(*told_by_both(robot, actuation, loads, (names, others), forces(tubes), z))
+    same(*predicted_by_both(robot, actuation, loads, (names, others), forces(tubes), z))
 
 
 def test_break_points_that_coincide():
@@ -70,7 +70,7 @@ def test_break_points_that_coincide():
     loads = [*pushed(3)[:4], *riding(3)[:1], *there]
     z = 2e-3 * np.random.default_rng(3).normal(size=5)
     names = [*NUMBERS, "loads[4].force", "loads[5].force", "loads[5].moment", "loads[6].force"]
-    same(*told_by_both(robot, flush, loads, (names, ["rotations", "tubes[2].outer_diameter"]), forces(3), z))
+    same(*predicted_by_both(robot, flush, loads, (names, ["rotations", "tubes[2].outer_diameter"]), forces(3), z))
 
 
 @pytest.mark.slow
@@ -98,12 +98,12 @@ def test_slopes_are_differences_of_equilibria():
         direction = rng.uniform(-1.0, 1.0, value.shape)
         h = 2e-5 if name in ("translations", "loads[1].arc_length") else 1e-3 * max(np.abs(value).max(), 1e-3)
 
-        def told(x, name=name, value=value, direction=direction):
+        def reported(x, name=name, value=value, direction=direction):
             made, held, pushing = changed(robot, actuation, loads, name, value + x * direction)
             shape = ctr.ForwardProblem(made, tolerance=TIGHT).solve(held, pushing, initial=start)
             return np.array([shape.actuator_wrench(i)[0] for i in range(2)])
 
-        wanted = central(told, h)
+        wanted = central(reported, h)
         found = slopes[:, first : first + value.size] @ np.ravel(direction)
         np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-6 * np.abs(wanted).max(), err_msg=name)
         first += value.size
@@ -115,8 +115,8 @@ def test_a_piece_that_begins_at_the_entry():
     robot = ctr.Robot([ctr.Tube("rod", 1e-3, 0.0, pieces, youngs_modulus=60e9, poisson_ratio=0.3)])
     actuation, loads = ctr.Actuation([0.3], [-0.03]), [ctr.PointWrench([0.1, 0.2, -0.1], [2e-3, 1e-3, 1e-3])]
     shape = solve(robot, actuation, loads, TIGHT)
-    told = Predictions(robot, [], [(actuation, loads)], [FORCE]).at(shape.unknowns[None])
-    assert told.observed[0].value[0, 0] == pytest.approx(shape.actuator_wrench(0, side=-1)[0], abs=1e-8)
+    reported = Predictions(robot, [], [(actuation, loads)], [FORCE]).at(shape.unknowns[None])
+    assert reported.observed[0].value[0, 0] == pytest.approx(shape.actuator_wrench(0, side=-1)[0], abs=1e-8)
 
 
 def test_a_force_at_the_tip():

@@ -104,7 +104,7 @@ def test_without_a_compiler_everything_works_and_that_is_said_once(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_a_compiler_that_fails_is_told_once(fresh, caplog, tmp_path):
+def test_a_compiler_that_fails_is_reported_once(fresh, caplog, tmp_path):
     fresh.setenv("CTR_OPT_CACHE", str(tmp_path))
     fresh.setattr(libraries, "library_source", lambda *_: "this is no C")
     fresh.setattr(libraries, "origin", lambda *_: "of no C")

@@ -293,7 +293,7 @@ def test_what_is_supported():
     assert not supported("tubes[0].inner_diameter", robot(heavy), loads)
 
 
-def test_wrong_questions_are_told():
+def test_wrong_questions_are_reported():
     made = rod()
     cases = {
         "does not support derivatives": (["tubes[0].precurvature[0].length"], TIP, []),

@@ -210,12 +210,12 @@ def predicted(given, shape, compiled):
     values = np.concatenate([known[name].value for name in names[0]])
     model = loaded_model(given.robot, given.actuation, given.loads, *names, observables, compiled, lambda: 8)
     assert model.compiled == compiled
-    told, start = model.at(shape.unknowns, values, np.zeros(0)).predictions, 0
+    reported, start = model.at(shape.unknowns, values, np.zeros(0)).predictions, 0
     for each in seen:
-        misfit = each.compare([each], told[start : start + len(each.observables)])[0]
+        misfit = each.compare([each], reported[start : start + len(each.observables)])[0]
         close(misfit, 0.0, 1e-6 if isinstance(each, ctr.CurvatureMeasurement) else 1e-7)
         start += len(each.observables)
-    return told, told[start:]
+    return reported, reported[start:]
 
 
 @pytest.mark.parametrize("index", some_slow(range(100), [1, 3, 4, 5]))
@@ -227,10 +227,10 @@ def test_predictions_of_compiled_code(index):
 @pytest.mark.parametrize("index", some_slow([0, 2, 10, 31], [0, 2]))
 def test_predictions_of_all_models(index):
     """As of compiled code, from symbols; slopes to 1e-6 of the largest; forces of one order."""
-    told, forces = zip(*(predicted(*solved(index), compiled=compiled) for compiled in (True, False)), strict=True)
+    reported, forces = zip(*(predicted(*solved(index), compiled=compiled) for compiled in (True, False)), strict=True)
     pushes = [np.vstack([each.value[0] for each in one]) for one in forces]
     close(*pushes, 1e-7)
-    slopes = [np.vstack([each.slopes[0] for each in one]) for one in told]
+    slopes = [np.vstack([each.slopes[0] for each in one]) for one in reported]
     size = np.abs(slopes[0]).max(axis=0)
     close(*(one / np.maximum(size, 1e-6 * size.max()) for one in slopes), 1e-6)
 
@@ -260,9 +260,9 @@ def test_functions_of_problems(index):
     s = np.array([metres(place) for place in given.places])
     function = ctr.ForwardProblem(given.robot, tolerance=TOLERANCE).function(shape, along=s)
     joints = ca.MX.sym("joints", 2 * tubes)
-    told = function(rotations=joints[:tubes], translations=joints[tubes:], initial=shape.unknowns)
-    out = [told["tip_rotation"], told["positions"], told["tip_position"]]
-    both = ca.vertcat(told["tip_position"], ca.vec(told["tip_rotation"]))
+    reported = function(rotations=joints[:tubes], translations=joints[tubes:], initial=shape.unknowns)
+    out = [reported["tip_rotation"], reported["positions"], reported["tip_position"]]
+    both = ca.vertcat(reported["tip_position"], ca.vec(reported["tip_rotation"]))
     at = np.concatenate((given.actuation.rotations, given.actuation.translations))
     frame, positions, tip, slopes = (
         part.full() for part in ca.Function("f", [joints], [*out, ca.jacobian(both, joints)])(at)

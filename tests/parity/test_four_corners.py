@@ -60,8 +60,8 @@ def test_a_tip_is_the_innermost_tubes_though_the_ends_differ_by_rounding(compile
     assert np.abs(expected - shape.pose(shape.length, 1)[:3, :3]).max() > 0.1  # the tubes are turned otherwise
     for pose in (shape.tip_pose, shape.pose(shape.length), shape.pose(0.055, 0)):
         np.testing.assert_allclose(pose[:3, :3], expected, rtol=0.0, atol=1e-12)
-    told = problem.function(shape)(rotations=[0.0, 1.2], translations=translations, initial=shape.unknowns)
-    np.testing.assert_allclose(told["tip_rotation"].full(), expected, rtol=0.0, atol=1e-9)  # of its fixed steps
+    reported = problem.function(shape)(rotations=[0.0, 1.2], translations=translations, initial=shape.unknowns)
+    np.testing.assert_allclose(reported["tip_rotation"].full(), expected, rtol=0.0, atol=1e-9)  # of its fixed steps
 
 
 @COMPILED

@@ -167,7 +167,7 @@ CALLS = {
 
 
 @pytest.mark.parametrize("case", CALLS)
-def test_wrong_calls_are_told_in_one_sentence(case):
+def test_wrong_calls_are_reported_in_one_sentence(case):
     call, words = CALLS[case]
     with pytest.raises(ctr.DefinitionError) as caught:
         call()
@@ -316,7 +316,7 @@ FILES = {
         ["loads[0].tube", "'outer'", "inner"],
     ),
     "unknown key in a load": ("problem", "force =", "forse =", ["loads[0]", "forse", "'force'"]),
-    "no source": ("problem", '[source]\ntext = "made up"\n', "", ["source", "missing"]),
+    "source without text": ("problem", '[source]\ntext = "made up"\n', "[source]\n", ["source.text", "missing"]),
     "expected without tolerance": (
         "problem",
         "[actuation]",
@@ -327,7 +327,7 @@ FILES = {
 
 
 @pytest.mark.parametrize("case", FILES)
-def test_wrong_files_are_told_in_one_sentence(tmp_path, case):
+def test_wrong_files_are_reported_in_one_sentence(tmp_path, case):
     which, old, new, words = FILES[case]
     texts = {"robot": ROBOT, "problem": PROBLEM}
     assert old in texts[which], "the case must change the file"

@@ -46,7 +46,7 @@ def test_positive_u_x_stretches_the_side_of_positive_y():
     np.testing.assert_allclose(found.curvature, [[10.0, 0.0]], atol=1e-9)
 
 
-def test_a_common_strain_is_told_from_bending():
+def test_a_common_strain_is_reported_from_bending():
     rng = np.random.default_rng(0)
     u, common = rng.normal(scale=10, size=(50, 2)), rng.normal(scale=5e-4, size=50)
     strains = np.column_stack([u[:, 0] * y - u[:, 1] * x + common for x, y in CORES])

@@ -24,7 +24,7 @@ def pushed(tubes):
     ]
 
 
-def told_by_both(robot, actuation, loads, wanted, measured, z):
+def predicted_by_both(robot, actuation, loads, wanted, measured, z):
     """Predictions ``(2, observables, numbers)`` and their slopes, by compiled code and in the virtual machine.
 
     ``wanted``: names of numbers of loads, which may change, and of others.
@@ -36,8 +36,8 @@ def told_by_both(robot, actuation, loads, wanted, measured, z):
     for compiled in (True, False):
         model = loaded_model(robot, actuation, loads, *wanted, observables, compiled, lambda: 12)
         assert model.compiled == compiled
-        told = model.at(z, values, np.zeros(0)).predictions
-        found.append([np.array([getattr(each, part)[0] for each in told]) for part in ("value", "slopes")])
+        reported = model.at(z, values, np.zeros(0)).predictions
+        found.append([np.array([getattr(each, part)[0] for each in reported]) for part in ("value", "slopes")])
     return [np.array(both) for both in zip(*found, strict=True)]
 
 

@@ -135,7 +135,7 @@ def turned(loads, rotation):
     return mapped(loads, rotation, rotation)
 
 
-# -- the loads once more, told apart from what the package makes of them -----------------------------------------------
+# -- the loads once more, apart from what the package makes of them -----------------------------------------------
 
 
 def tube_ends(made, actuation):

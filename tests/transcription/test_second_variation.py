@@ -313,11 +313,11 @@ def test_a_cold_solve_leaves_an_unstable_answer(monkeypatch):
     found = ctr.ForwardProblem(made).solve(actuation)
     assert found.is_stable
     assert found.path == "homotopy (unstable: 1 direction) -> energy (1 saddle left) -> newton"
-    told = ctr.ForwardProblem(made, formulation="equilibrium").solve(actuation)
-    assert told.path == "homotopy"
-    assert told.is_stable is False
-    assert told.unstable_directions == 1
-    assert "no: 1 direction in which the potential energy falls" in told.report()
+    reported = ctr.ForwardProblem(made, formulation="equilibrium").solve(actuation)
+    assert reported.path == "homotopy"
+    assert reported.is_stable is False
+    assert reported.unstable_directions == 1
+    assert "no: 1 direction in which the potential energy falls" in reported.report()
 
 
 def test_a_cold_solve_that_finds_unstable_ones_alone_fails(monkeypatch):

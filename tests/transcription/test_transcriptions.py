@@ -197,7 +197,7 @@ def test_a_coarse_scheme_refines_until_it_is_good_enough():
         ),
     ],
 )
-def test_wrong_combinations_are_told(options, words):
+def test_wrong_combinations_are_reported(options, words):
     with pytest.raises(ctr.DefinitionError, match=words):
         ctr.ForwardProblem(stepped()[0], **options)
 
@@ -211,6 +211,6 @@ def test_wrong_combinations_are_told(options, words):
         (lambda: ctr.Ipopt(start="energy"), "Ipopt.start = 'energy' must be 'straight' or 'homotopy'"),
     ],
 )
-def test_wrong_transcriptions_are_told(make, words):
+def test_wrong_transcriptions_are_reported(make, words):
     with pytest.raises(ctr.DefinitionError, match=words):
         make()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from ...checks import Array, Entry, Table, described, given
+from ...checks import Array, Entry, Table, described, unchecked
 from ...layout.observables import Observable, ObservedList
 from .kind import Measurement, Part
 
@@ -60,8 +60,8 @@ class TorqueMeasurement(_OfActuator):
 
     kind = "torque"
     entries = described(tube=Entry("tube"), torque=Entry("N m"))
-    tube: int = attrs.field(converter=given)
-    torque: float = attrs.field(converter=given)
+    tube: int = attrs.field(converter=unchecked)
+    torque: float = attrs.field(converter=unchecked)
     sigma: float | None = None
     parts = (Part("torques", "torque", "N m"),)
 
@@ -88,7 +88,7 @@ class ForceMeasurement(_OfActuator):
 
     kind = "force"
     entries = described(tube=Entry("tube"), force=Entry("N"))
-    tube: int = attrs.field(converter=given)
-    force: float = attrs.field(converter=given)
+    tube: int = attrs.field(converter=unchecked)
+    force: float = attrs.field(converter=unchecked)
     sigma: float | None = None
     parts = (Part("forces", "force", "N"),)

@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, described, given
+from ...checks import ARRAY_EQ, Array, Entry, Table, described, unchecked
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Somewhere
 from .kind import POINTS, Measurement, distances, vector_sigma
@@ -37,9 +37,9 @@ class BackboneMeasurement(Measurement):
     (2, 3)
     """
 
-    position: Array = attrs.field(eq=ARRAY_EQ, converter=given)
+    position: Array = attrs.field(eq=ARRAY_EQ, converter=unchecked)
     sigma: Any = None
-    ordered: bool = attrs.field(default=False, converter=given)
+    ordered: bool = attrs.field(default=False, converter=unchecked)
 
     entries = described(position=Entry("m", (None, 3)), ordered=Entry("flag"))
     parts = (POINTS,)

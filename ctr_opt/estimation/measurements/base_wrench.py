@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, described, given
+from ...checks import ARRAY_EQ, Array, Entry, Table, described, unchecked
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList
 from .kind import Measurement, Part, six, vector_sigma
@@ -47,7 +47,7 @@ class BaseWrenchMeasurement(Measurement):
     (1, 6)
     """
 
-    wrench: Array = attrs.field(eq=ARRAY_EQ, converter=given)
+    wrench: Array = attrs.field(eq=ARRAY_EQ, converter=unchecked)
     sigma: Any = attrs.field(default=None, converter=_sigma)
 
     entries = described(wrench=Entry("1", (6,)))

@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, array, described, given
+from ...checks import ARRAY_EQ, Array, Entry, Table, array, described, unchecked
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place, Stacked
 from .kind import Measurement, Part, places
@@ -36,9 +36,9 @@ class CurvatureMeasurement(Measurement):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=places)
-    curvature: Array = attrs.field(eq=ARRAY_EQ, converter=given)
+    curvature: Array = attrs.field(eq=ARRAY_EQ, converter=unchecked)
     sigma: Any = None
-    tube: int = attrs.field(default=0, converter=given)
+    tube: int = attrs.field(default=0, converter=unchecked)
 
     entries = described(tube=Entry("tube"))
     unit = 1.0

@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import Array, Entry, Table, described, given
+from ...checks import Array, Entry, Table, described, unchecked
 from ...errors import DefinitionError
 from ...layout.observables import Distal, Observable, ObservedList, Place
 from .kind import DIRECTIONS, POINTS, Measurement, place, sensor_name, six, vector_sigma
@@ -40,9 +40,9 @@ class PoseMeasurement(Measurement):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=place)
-    pose: Array = attrs.field(converter=given)
+    pose: Array = attrs.field(converter=unchecked)
     sigma: Any = None
-    tube: int | None = attrs.field(default=None, converter=given)
+    tube: int | None = attrs.field(default=None, converter=unchecked)
     sensor: str | None = attrs.field(default=None, converter=sensor_name)
 
     entries = described(pose=Entry("1", (4, 4)), tube=Entry("tube", optional=True))

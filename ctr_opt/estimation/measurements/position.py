@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, array, given
+from ...checks import ARRAY_EQ, Array, Entry, Table, array, unchecked
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place
 from .kind import POINTS, Measurement, distances, places, sensor_name, vector_sigma
@@ -48,7 +48,7 @@ class PositionMeasurement(Measurement):
     """
 
     arc_length: tuple[Place, ...] = attrs.field(converter=places)
-    position: Array = attrs.field(eq=ARRAY_EQ, converter=given)
+    position: Array = attrs.field(eq=ARRAY_EQ, converter=unchecked)
     sigma: Any = None
     sensor: str | None = attrs.field(default=None, converter=sensor_name)
 

@@ -20,7 +20,7 @@ from ...layout.observables import Observable, Observed, Somewhere, posed
 from ...loads.density import LoadTable
 from ...loads.kind import Load
 from ...robot.actuation import Actuation
-from ...robot.names import Parameter, parameters, parsed
+from ...robot.names import NamedNumber, parameters, parsed
 from ...robot.robot import Robot
 from ...transcription.observing import Observer
 from ...transcription.parametric_problem import ParametricProblem
@@ -36,7 +36,7 @@ def structure(robot: Robot, actuation: Actuation, loads: Sequence[Load], observa
     return of_loads, tuple(attrs.evolve(one, place=0.0) if isinstance(one.place, float) else one for one in observables)
 
 
-def _structure(load: Load, prefix: str, known: dict[str, Parameter]) -> Hashable:
+def _structure(load: Load, prefix: str, known: dict[str, NamedNumber]) -> Hashable:
     parts: list[Any] = [type(load)]
     for field in attrs.fields(cast(Any, type(load))):
         value = getattr(load, field.name)
@@ -73,7 +73,7 @@ class SymbolicModel:
         of_loads = [name for name, one in known.items() if parsed(name)[0] == "loads" and not one.idle]
         data = ["rotations", "translations", *of_loads]
         places = _numbers(self.observables)
-        probes = [Parameter(_PROBES, places)] if len(places) else []
+        probes = [NamedNumber(_PROBES, places)] if len(places) else []
         of_robot = [known[name] for name in self.acting if name not in data]
         at = list(zip(places.tolist(), [one.on for one in self.observables if one.placed], strict=True))
         self.problem = ParametricProblem(
