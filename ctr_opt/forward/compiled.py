@@ -9,6 +9,7 @@ from math import cos, sin
 from time import perf_counter
 from typing import Any, TypeAlias
 
+import attrs
 import numpy as np
 
 from ..checks import Array
@@ -25,7 +26,7 @@ from ..transcription.shape import Shape
 from ..transcription.shooting import NodeStates
 from ..transcription.stability import SecondVariation
 from .attempt import Attempt
-from .record import BaseMoments, Outcome, SolvedRecord
+from .record import BaseMoments, Outcome, PoseRate, PoseRates, SolvedRecord
 from .settings import Settings
 
 _STEPS = 24  # room for this number of steps in a result, until one needs more
@@ -113,13 +114,26 @@ class CompiledProblem:
                 tables[id(row)] = table
         return CompiledBatch(self, np.ascontiguousarray(actuations), loads, tables)
 
-    def derive(self, of: CompiledRecord, tube: int) -> tuple[Array, Array] | None:
-        """Derivatives of the tip's pose by actuation ``(6, 2n)`` and by a wrench at the tip of a tube ``(6, 6)``."""
-        jacobian, compliance = np.empty((6, 2 * self._tubes)), np.empty((6, 6))
-        refinements = int(of.numbers[Head.REFINEMENTS])
-        outputs = jacobian.ctypes.data, compliance.ctypes.data
-        failed = self.native.derive(*self._case(of), of.start, refinements, tube, *outputs)
-        return None if failed else (jacobian, compliance)
+    def derive(self, of: CompiledRecord, wanted: PoseRate) -> PoseRates | None:
+        """Derivatives of a pose; None if the general solver must compute them."""
+        n, k = self._tubes, self.sizes.unknowns
+        rates = PoseRates(np.empty((6, 2 * n)), np.empty((6, 6)), np.empty((k, 2 * n)), np.empty(n, dtype=np.intc))
+        z = of.unknowns
+        point = (z.ctypes.data, int(of.numbers[Head.REFINEMENTS]), wanted.side, _number(wanted.s), wanted.frame)
+        outputs = (array.ctypes.data for array in attrs.astuple(rates, recurse=False))
+        if self.native.derive(*self._case(of), *point, _number(wanted.load_at), wanted.tube, *outputs):
+            return None
+        for array in attrs.astuple(rates, recurse=False):
+            array.setflags(write=False)
+        return rates
+
+    def push(self, of: CompiledRecord, tube: int, side: int) -> float | None:
+        """The axial force of the actuator on a tube's base, N; None if the general solver must compute it."""
+        if self._robot.values["degree"]:
+            return None
+        z, force = of.unknowns, ctypes.c_double()
+        point = (z.ctypes.data, int(of.numbers[Head.REFINEMENTS]), tube, side, ctypes.addressof(force))
+        return None if self.native.push(*self._case(of), *point) else force.value
 
     def inspect(self, of: CompiledRecord) -> tuple[Array, float] | None:
         """The exact Jacobian of the tip conditions, and the estimated error over the length."""
@@ -218,7 +232,7 @@ class CompiledRecord:
         self.robot, self._actuation, self.loads = problem.robot, actuation, loads
         self._held = numbers
         self._time = solve_time
-        self._rates: dict[int, tuple[Array, Array] | None] = {}
+        self._rates: dict[PoseRate, PoseRates | None] = {}
         self.sizes = problem.sizes
         self.address = address
         self.start = address + problem.offset  # address of the block that another solve may start from
@@ -235,6 +249,16 @@ class CompiledRecord:
     def numbers(self) -> Array:
         """The numbers that the library wrote."""
         return np.asarray(self._held)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the library is at hand; not in another process."""
+        return self._problem is not None
+
+    @property
+    def refinements(self) -> int:
+        """Number of times that the steps were halved."""
+        return int(self.numbers[Head.REFINEMENTS])
 
     @property
     def cold(self) -> bool:
@@ -269,9 +293,15 @@ class CompiledRecord:
     @property
     def unknowns(self) -> Array:
         """Moments (N m) and force (N) at the base in the order of the equations."""
-        z, (moment, force) = self._start("unknowns"), self._start("units")
-        moments = 2 + len(self.robot.tubes)
-        return np.concatenate((z[:moments] * moment, z[moments:] * force))
+        return np.asarray(self._start("unknowns") * self.unit)
+
+    @property
+    def unit(self) -> Array:
+        """Units of the unknowns, N m and N."""
+        moment, force = self._start("units")
+        unit = np.full(self.sizes.unknowns, moment)
+        unit[2 + len(self.robot.tubes) :] = force
+        return unit
 
     @cached_property
     def base(self) -> BaseMoments:
@@ -317,20 +347,15 @@ class CompiledRecord:
         counted = None if self._problem is None else self._problem.stability(self)
         return counted or self.shape.second_variation
 
-    def tip_rates(self, tube: int | None = None) -> tuple[Array, Array] | None:
-        """Derivatives of the tip's pose by actuation and by a wrench on a tube (None: the innermost) that ends there.
+    def rates(self, wanted: PoseRate) -> PoseRates | None:
+        """Derivatives of a pose; None if the general solver must compute them."""
+        if wanted not in self._rates:
+            self._rates[wanted] = None if self._problem is None else self._problem.derive(self, wanted)
+        return self._rates[wanted]
 
-        None if the general solver must compute them.
-        """
-        carrier = self._innermost_at_tip if tube is None else tube
-        if carrier not in self._rates:
-            self._rates[carrier] = None if self._problem is None else self._problem.derive(self, carrier)
-        return self._rates[carrier]
-
-    @property
-    def one_sided(self) -> bool:
-        """Whether derivatives at the tip are known to be one-sided."""
-        return self._problem is not None and self.tip_rates() is None
+    def push(self, tube: int, side: int) -> float | None:
+        """The axial force of the actuator on a tube's base, N; None if the general solver must compute it."""
+        return None if self._problem is None else self._problem.push(self, tube, side)
 
     @cached_property
     def _tip_state(self) -> Array:
@@ -354,9 +379,18 @@ class CompiledRecord:
         return pose
 
     @cached_property
+    def ends(self) -> Ends:
+        """Where the tubes end."""
+        return Ends.of_robot(self.robot, self.actuation.translations)
+
+    @cached_property
     def _innermost_at_tip(self) -> int:
         """The innermost tube that ends at ``length``."""
         return Ends.tube_at_tip(self.robot, self.actuation.translations)
+
+
+def _number(s: float | None) -> float:
+    return np.nan if s is None else s
 
 
 def _turned(quaternion: list[float], angle: float) -> Array:

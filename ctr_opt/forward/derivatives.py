@@ -2,38 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..checks import Array
+from ..checks import Array, index
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
 from ..layout.observables import Observable
 from ..loads.point import PointWrench
 from ..robot.names import NamedNumber, chosen, parameters
+from .compiled import Record
 from .outputs import output, place_of
+from .predicted import predicted
+from .record import PoseRate
 from .sensitivity import Solved, derivatives, kinked
 
 _APART = 1e-9  # relative: derivatives from the two sides that differ by less count as equal
+_APART_BESIDE = 1e-6  # likewise, if each is evaluated beside the point: see native/sided.h
 
 
-def jacobian(solved: Solved, s: float | None, side: int) -> Array:
+Solve: TypeAlias = Callable[[], Solved]
+"""The solution in numbers, for what compiled code does not know; computed on request."""
+
+
+def jacobian(record: Record, solve: Solve, s: float | None, side: int) -> Array:
     """Derivative of the pose at ``s`` or at the tip by rotations and translations."""
-    wanted = Observable("pose") if s is None else output(("pose", s), solved.configuration)
-    return derivatives(solved, wanted, _joints(solved, "rotations", "translations"), side=_checked(side)).first
+    place = None if s is None else place_of(s, None, record.ends)
+    rates = record.rates(PoseRate(place, side=_checked(side)))
+    if rates is not None:
+        return rates.jacobian
+    solved = solve()
+    wanted = Observable("pose") if place is None else output(("pose", place), solved.configuration)
+    return derivatives(solved, wanted, _joints(solved, "rotations", "translations"), side=side).first
 
 
-def compliance(solved: Solved, s: float | None, load_at: float | None, carrier: int) -> Array:
+def compliance(record: Record, solve: Solve, s: float | None, load_at: float | None, carrier: int) -> Array:
     """Derivative of the pose at ``s`` or at the tip by a wrench on a tube, added as a load of zero."""
+    ends = record.ends
+    at = None if load_at is None else place_of(load_at, carrier, ends, "load_at")
+    reached = ends.length if s is None else place_of(s, None, ends)
+    present = carrier if ends.reaches(carrier, reached) else None
+    frame = -1 if present is None or present == ends.innermost(reached) else present
+    rates = record.rates(PoseRate(None if s is None else reached, frame, at, carrier))
+    if rates is not None:
+        return rates.compliance
+    solved = solve()
     configuration = solved.configuration
-    at = None if load_at is None else place_of(load_at, carrier, configuration, "load_at")
     extended = Configuration(
         configuration.robot, configuration.actuation, (*configuration.loads, PointWrench(arc_length=at, tube=carrier))
     )
-    reached = configuration.length if s is None else place_of(s, None, configuration)
-    present = carrier if configuration.ends.reaches(carrier, reached) else None
     wanted = Observable("pose", None if s is None else reached, present)
     name = f"loads[{len(configuration.loads)}]"
     added = chosen(
@@ -42,9 +61,9 @@ def compliance(solved: Solved, s: float | None, load_at: float | None, carrier: 
     return derivatives(solved.under(extended), wanted, added).first
 
 
-def sensitivity(solved: Solved, of: Any, wrt: str | Sequence[str], order: int, side: int) -> Array:
+def sensitivity(record: Record, solve: Solve, of: Any, wrt: str | Sequence[str], order: int, side: int) -> Array:
     """Derivative of an output by named parameters; the axes of the output come first."""
-    configuration = solved.configuration
+    configuration = record.configuration
     if order not in (1, 2):
         raise DefinitionError(f"order = {order!r} must be 1 or 2")
     single = isinstance(wrt, str)
@@ -53,19 +72,26 @@ def sensitivity(solved: Solved, of: Any, wrt: str | Sequence[str], order: int, s
         [wrt] if isinstance(wrt, str) else wrt,
     )
     wanted = output(of, configuration)
-    result = derivatives(solved, wanted, selected, side=_checked(side), order=order)
     shape = selected[0].value.shape if single else (sum(parameter.size for parameter in selected),)
+    if order == 1:
+        first = predicted(record, wanted, [parameter.name for parameter in selected], _checked(side))
+        if first is not None:
+            return first.reshape(wanted.shape + shape)
+    result = derivatives(solve(), wanted, selected, side=_checked(side), order=order)
     if result.second is None:
         return result.first.reshape(wanted.shape + shape)
     return result.second.reshape(wanted.shape + shape + shape)
 
 
-def actuator_wrench(solved: Solved, tube: int, side: int) -> tuple[float, float]:
+def actuator_wrench(record: Record, solve: Solve, tube: int, side: int) -> tuple[float, float]:
     """Force and torque of the actuator on a tube's base."""
-    wanted, moving = output(("actuator_wrench", tube), solved.configuration), _joints(solved, "translations")
-    assert wanted.tube is not None
-    force, torque = derivatives(solved, wanted, moving, side=_checked(side), at=wanted.tube).value
-    return float(force), float(torque)
+    carrier = index(tube, "tube", len(record.robot.tubes))
+    force = record.push(carrier, _checked(side))
+    if force is None:
+        solved = solve()
+        wanted, moving = output(("actuator_wrench", carrier), solved.configuration), _joints(solved, "translations")
+        force = float(derivatives(solved, wanted, moving, side=side, at=carrier).value[0])
+    return force, -float(record.base.torsional[carrier])
 
 
 def base_wrench(solved: Solved) -> Array:
@@ -77,16 +103,32 @@ def base_wrench(solved: Solved) -> Array:
     return wrench
 
 
-def kinks(solved: Solved) -> tuple[int, ...]:
+def coincide(record: Record, solve: Solve) -> bool:
+    """Whether break points coincide that an actuation can move apart."""
+    rates = record.rates(PoseRate())
+    if rates is not None:
+        return bool(rates.coincide.any())
+    solved = solve()
+    return bool(kinked(solved, _joints(solved, "translations")))
+
+
+def kinks(record: Record, solve: Solve) -> tuple[int, ...]:
     """The tubes whose derivatives by translation differ between the two sides."""
-    moving = _joints(solved, "translations")
-    suspects = kinked(solved, moving)
+    rates = record.rates(PoseRate())
+    if rates is not None and (back := record.rates(PoseRate(side=-1))) is not None:
+        suspects = np.flatnonzero(rates.coincide & (record.actuation.translations < 0.0)).tolist()
+        both, apart = [rates, back], _APART_BESIDE
+        moved = [np.vstack((side.jacobian, side.unknowns))[:, len(rates.coincide) :] for side in both]
+    else:
+        solved = solve()
+        moving = _joints(solved, "translations")
+        suspects, apart = kinked(solved, moving), _APART
+        sides = [derivatives(solved, Observable("pose"), moving, side=side) for side in (1, -1) if suspects]
+        moved = [np.vstack((one_side.first, one_side.unknowns)) for one_side in sides]
     if not suspects:
         return ()
-    sides = [derivatives(solved, Observable("pose"), moving, side=side) for side in (1, -1)]
-    both = [np.vstack((one_side.first, one_side.unknowns)) for one_side in sides]
-    apart = np.abs(both[0] - both[1]).max(axis=0) > _APART * np.abs(both[0]).max()
-    return tuple(i for i in suspects if apart[i])
+    different = np.abs(moved[0] - moved[1]).max(axis=0) > apart * np.abs(moved[0]).max()
+    return tuple(i for i in suspects if different[i])
 
 
 def _joints(solved: Solved, *names: str) -> list[NamedNumber]:

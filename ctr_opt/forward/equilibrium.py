@@ -233,8 +233,8 @@ class Equilibrium:
 
     @property
     def one_sided(self) -> bool:
-        """Whether break points are known to coincide, so that :meth:`jacobian` is one-sided and slow."""
-        return self.record.one_sided
+        """Whether break points coincide that an actuation can move apart, so that :meth:`jacobian` has two sides."""
+        return derivatives.coincide(self.record, self.solved)
 
     @property
     def tip_position(self) -> Array:
@@ -350,8 +350,7 @@ class Equilibrium:
         >>> shape.jacobian()[2].round(9).tolist()
         [0.0, 1.0]
         """
-        at_hand = self.record.tip_rates() if s is None and side in (1, -1) else None
-        return derivatives.jacobian(self.solved(), s, side) if at_hand is None else at_hand[0]
+        return derivatives.jacobian(self.record, self.solved, s, side)
 
     def compliance(self, s: float | None = None, load_at: float | None = None, tube: int = 0) -> Array:
         """Derivative of the pose by a world-fixed force (N) and moment (N m) added at a point, ``(6, 6)``.
@@ -377,8 +376,7 @@ class Equilibrium:
         True
         """
         carrier = index(tube, "tube", len(self.robot.tubes))
-        at_hand = self.record.tip_rates(carrier) if s is load_at is None else None
-        return derivatives.compliance(self.solved(), s, load_at, carrier) if at_hand is None else at_hand[1]
+        return derivatives.compliance(self.record, self.solved, s, load_at, carrier)
 
     def sensitivity(self, of: Any, wrt: str | Sequence[str], order: int = 1, side: int = 1) -> Array:
         """Derivative of an output by parameters.
@@ -423,7 +421,7 @@ class Equilibrium:
         >>> shape.sensitivity("tip_position", "tubes[0].precurvature[0].curvature").shape
         (3, 3)
         """
-        return derivatives.sensitivity(self.solved(), of, wrt, order, side)
+        return derivatives.sensitivity(self.record, self.solved, of, wrt, order, side)
 
     def actuator_wrench(self, tube: int, side: int = 1) -> tuple[float, float]:
         """Force (N) and torque (N m) that the actuator exerts on a tube's base, along +z of the entry frame.
@@ -454,7 +452,7 @@ class Equilibrium:
         >>> round(shape.actuator_wrench(0)[0], 9)
         0.5
         """
-        return derivatives.actuator_wrench(self.solved(), tube, side)
+        return derivatives.actuator_wrench(self.record, self.solved, tube, side)
 
     @property
     def unknowns(self) -> Array:
@@ -474,7 +472,7 @@ class Equilibrium:
         One of their break points coincides with the entry point, a load or another tube's break point, and a value
         jumps there. A base at the entry point does not count, as the tube cannot advance.
         """
-        return derivatives.kinks(self.solved())
+        return derivatives.kinks(self.record, self.solved)
 
     # -- checks and reports --------------------------------------------------------------------------------------
 

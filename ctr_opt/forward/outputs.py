@@ -7,6 +7,7 @@ from typing import Any
 from ..checks import index, number
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
+from ..layout.ends import Ends
 from ..layout.observables import Observable
 
 _ATTRIBUTES = {
@@ -36,7 +37,7 @@ def output(of: Any, configuration: Configuration) -> Observable:
     tube = by_name.get("tube")
     if tube is not None or "tube" in _METHODS[name]:
         tube = index(tube, "tube", configuration.tube_count)
-    place = place_of(by_name["s"], tube, configuration) if "s" in by_name else None
+    place = place_of(by_name["s"], tube, configuration.ends) if "s" in by_name else None
     return Observable(name, place, tube)
 
 
@@ -48,9 +49,8 @@ def _unknown(of: Any) -> DefinitionError:
     )
 
 
-def place_of(s: Any, tube: int | None, configuration: Configuration, field: str = "s") -> float:
+def place_of(s: Any, tube: int | None, ends: Ends, field: str = "s") -> float:
     """A checked arc length on the robot or a tube, moved exactly to a tube's end if it differs by rounding only."""
-    ends = configuration.ends
     return float(ends.snap(number(s, field, least=0.0, most=ends.of(tube) + ends.slack, unit="m")))
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import Array, array
 from ..layout.configuration import Configuration, Scales
+from ..layout.ends import Ends
 from ..loads.kind import Load
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
@@ -72,6 +74,40 @@ class BaseMoments:
         return np.concatenate((moments, self.force / scales.force)) if live else moments
 
 
+class PoseRate(NamedTuple):
+    """A question for derivatives of a pose: at an arc length, under a wrench at another; None: the tip, the tube's end.
+
+    ``frame`` is the tube whose frame is the pose; -1: the innermost there. ``tube`` carries the wrench. ``side`` is
+    that of the derivatives where break points coincide.
+    """
+
+    s: float | None = None
+    frame: int = -1
+    load_at: float | None = None
+    tube: int = 0
+    side: int = 1
+
+
+@attrs.frozen(eq=False)
+class PoseRates:
+    """Derivatives of a pose, read-only, SI.
+
+    Attributes
+    ----------
+    jacobian, compliance
+        By rotations and translations ``(6, 2n)``; by a force and a moment ``(6, 6)``.
+    unknowns
+        Derivatives of the moments (and force) at the base by rotations and translations ``(k, 2n)``.
+    coincide
+        ``(n,)``: whether break points of a tube coincide with others, so that its derivative is one-sided.
+    """
+
+    jacobian: Array
+    compliance: Array
+    unknowns: Array
+    coincide: NDArray[np.intc]
+
+
 @attrs.frozen(eq=False)
 class Outcome:
     """The outcome of a solve, with its diagnostics.
@@ -116,7 +152,7 @@ class SolvedRecord:
     """The record of a solve in CasADi's virtual machine, or of a failure or a guess, which have no shape.
 
     An :class:`~ctr_opt.Equilibrium` holds one, or a ``CompiledRecord`` with the same members. Some members are provided
-    only by compiled code, without evaluating the shape: the tip's position and pose, and ``one_sided``.
+    only by compiled code, without evaluating the shape: the tip's position and pose, and derivatives.
     """
 
     configuration: Configuration
@@ -125,7 +161,6 @@ class SolvedRecord:
     shape: Shape | None = None
     tip_position: ClassVar[Array | None] = None
     tip_pose: ClassVar[Array | None] = None
-    one_sided: ClassVar[bool] = False
 
     @classmethod
     def guess(cls, configuration: Configuration, base: BaseMoments) -> SolvedRecord:
@@ -169,7 +204,17 @@ class SolvedRecord:
         """The second variation of the potential energy; None without a potential or a shape."""
         return None if self.shape is None else self.shape.second_variation
 
-    def tip_rates(self, tube: int | None = None) -> tuple[Array, Array] | None:
-        """Derivatives of the tip's pose by actuation and by a wrench, if known without computation; here None."""
-        del tube
+    @property
+    def ends(self) -> Ends:
+        """Where the tubes end."""
+        return self.configuration.ends
+
+    def rates(self, wanted: PoseRate) -> PoseRates | None:
+        """Derivatives of a pose, if known without symbols; here None."""
+        del wanted
+        return None
+
+    def push(self, tube: int, side: int) -> float | None:
+        """The axial force of the actuator on a tube's base, if known without symbols; here None."""
+        del tube, side
         return None

@@ -106,7 +106,8 @@ def _problem(solved: Solved, chosen: Sequence[NamedNumber], wanted: Observable) 
     configuration = solved.configuration
     left = from_left(wanted, configuration)
     probes = ((wanted.place, wanted.tube),) if isinstance(wanted.place, float) else ()
-    return ParametricProblem(configuration, chosen, solved.integrator, probes, from_left=left)
+    retreating = wanted.name == "pose" and wanted.tube is None  # then the pose is that of a tube that stays
+    return ParametricProblem(configuration, chosen, solved.integrator, probes, from_left=left, retreating=retreating)
 
 
 def _carrier(problem: ParametricProblem, wanted: Observable, column: int, sign: float) -> int | None:

@@ -32,7 +32,6 @@ _NOTHING = 1e-6  # of the squared misfit: steps that promise less are useless
 _SETTLED = 1e-2  # of the distance: a smaller gain is not worth a step
 _SETTLING = 8  # largest number of such steps
 _SINGULAR = 1e-6  # of the largest singular value
-_BESIDE = 1e-7  # m: tubes are drawn back by this much, each outer one once more, to separate coinciding break points
 
 
 class Ending(Enum):
@@ -200,14 +199,8 @@ class TipSearch:
         return None if change is None else step + free.T @ change
 
     def _rates(self, point: Point) -> Array:
-        """Derivatives of the tip by the weighted joints; where break points coincide, evaluated right beside."""
-        shape = point.equilibrium
-        if shape.one_sided:
-            beside = point.joints.copy()
-            tubes = len(beside) // 2
-            beside[tubes:] -= _BESIDE * np.arange(1, tubes + 1)
-            shape = self._solved(beside, shape) or shape
-        return self.target.rates(shape) / self.weights
+        """Derivatives of the tip by the weighted joints; where break points coincide, for advancing tubes."""
+        return self.target.rates(point.equilibrium) / self.weights
 
     def _solved(self, joints: Array, initial: Equilibrium) -> Equilibrium | None:
         return self.forward.neighbour(actuation_of(joints), self.loads, initial)

@@ -89,7 +89,7 @@ class ShapeTable:
         base, jacobians = forward.robot.base_pose, np.zeros((len(stable), 6, joints.shape[1]))
         poses = np.array([shapes[k].tip_pose for k in stable]).reshape(-1, 4, 4)
         for jacobian, k in zip(jacobians, stable, strict=True):
-            if forward.compiles and not shapes[k].one_sided:  # known at once
+            if forward.compiles:  # known at once
                 jacobian[:] = shapes[k].jacobian()
         return cls(joints[stable], np.linalg.inv(base) @ poses, np.kron(np.eye(2), base[:3, :3].T) @ jacobians)
 

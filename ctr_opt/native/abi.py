@@ -68,7 +68,7 @@ class By(IntEnum):
 
 
 Direction = _struct("Direction", kind=_INT, index=_INT, component=_INT)
-Probe = _struct("Probe", point=_INT, tube=_INT)  # where a point load is, seen in the frame of a tube
+Probe = _struct("Probe", point=_INT, tube=_INT)  # where a point load is, seen in the frame of a tube; -1: the innermost
 # The same number of directions and probes for each experiment, in succession; tables: changes of coefficients.
 _LISTS = {"directions": ctypes.POINTER(Direction), "tables": _DOUBLES, "probes": ctypes.POINTER(Probe)}
 Asked = _struct("Asked", **_LISTS, count=_INT, probe_count=_INT)
@@ -123,9 +123,11 @@ FUNCTIONS = {
     "cold": f"{_CASE}, const Goal *goal, double *result, long capacity",
     "many": f"{_CASES}, int count, const double *first, int chained, const Goal *goal, double *results, long size, "
     "int *failed",
-    "derive": f"{_CASE}, const double *z, int refinements, int tube, double *jacobian, double *compliance",
-    "models": f"{_CASES}, const double *z, int count, int refinements, const Asked *asked, const Answer *answers, "
-    "int *failed",
+    "derive": f"{_CASE}, const double *z, int refinements, int side, double s, int frame, double load_at, int tube, "
+    "double *jacobian, double *compliance, double *unknowns, int *coincide",
+    "push": f"{_CASE}, const double *z, int refinements, int tube, int side, double *force",
+    "models": f"{_CASES}, const double *z, int count, int refinements, int side, const Asked *asked, "
+    "const Answer *answers, int *failed",
     "stability": f"{_CASE}, const double *result, double *margin",
     "inspect": f"{_CASE}, const double *result, double *out",
     "integrate": f"{_CASE}, const double *z, int repeats, int derivative, double *tip",
@@ -205,8 +207,8 @@ def columns(struct: Any) -> dict[str, slice]:
 
 def arguments(function: str) -> list[Any]:
     """The ``ctypes`` of a function's arguments: every pointer is an address."""
-    whole = {"int": _INT, "long": ctypes.c_long}
-    return [_ROOM if "*" in argument else whole[argument.split()[0]] for argument in FUNCTIONS[function].split(", ")]
+    numbers = {"int": _INT, "long": ctypes.c_long, "double": _DOUBLE}
+    return [_ROOM if "*" in argument else numbers[argument.split()[0]] for argument in FUNCTIONS[function].split(", ")]
 
 
 def declarations() -> str:

@@ -46,7 +46,7 @@ static int moves(const Layout *layout, const Lane *lane) {
   return point_mover(point_load(layout, lane->index), lane->index, FIXED);
 }
 
-/* Where break points coincide and a direction parts them, derivatives have two sides: refused. */
+/* Whether a direction names something that is there. */
 static int check_direction(const Layout *layout, const Lane *lane) {
   const Loads *loads = layout->loads;
   const int most[DIRECTIONS] = {
@@ -58,8 +58,25 @@ static int check_direction(const Layout *layout, const Lane *lane) {
   if (lane->kind < 0 || lane->kind >= DIRECTIONS || lane->index < 0 || lane->index >= most[lane->kind]) return REFUSED;
   if (lane->component < 0 || lane->component >= components) return REFUSED;
   if (lane->kind == BY_PLACE && isnan(point_load(layout, lane->index)->s)) return REFUSED;
-  const int mover = moves(layout, lane);
-  return mover >= 0 && layout->tied[mover] ? REFUSED : 0;
+  return 0;
+}
+
+/* Whether derivatives by a mover have two sides: its break points coincide with others, or pass a probe that stays. The
+   model at the coincidence itself has break points advance from a probe, so that only the other side is another. */
+static int two_sided(const Layout *layout, const Asked *asked, int mover, int side) {
+  if (mover < 0 || layout->tied[mover]) return mover >= 0;
+  const int back = side < 0 || (mover < TUBES && layout->translations[mover] >= 0.0);
+  for (int k = 0; k < asked->probe_count && back; k++) {
+    const int point = asked->probes[k].point, tube = (int)point_load(layout, point)->tube;
+    const int rides = isnan(point_load(layout, point)->s) && tube == mover;
+    if (layout->at[layout->of_point[point]].mover == mover && !rides) return 1;
+  }
+  return 0;
+}
+
+static Lane lane_of(const Asked *asked, int k) {
+  const Direction *of = asked->directions + k;
+  return (Lane){of->kind, of->index, of->component, NZ + k};
 }
 
 /* Lanes that change alike stand together: data along the robot, the state at the entry, or nothing before a load. */
@@ -83,7 +100,9 @@ static int changes_data(const Robot *robot, int kind) {
   }
 }
 
-static int line_up(const Case *c, const double *z, const Asked *asked, Lanes *lanes) {
+/* The unknowns, and all directions or, if `only` is a mover, those that move it. A direction that parts break points is
+   left out. */
+static int line_up(const Case *c, const double *z, const Asked *asked, int only, Lanes *lanes) {
   const int n = NZ + asked->count, most = (n + BLOCK - 1) / BLOCK;
   *lanes = (Lanes){.c = c, .asked = asked, .z = z, .columns = n};
   lanes->lane = take(sizeof(Lane) * BLOCK * most);
@@ -93,9 +112,10 @@ static int line_up(const Case *c, const double *z, const Asked *asked, Lanes *la
   int next = 0;
   for (int group = 0; group < 3; group++)
     for (int k = 0; k < n; k++) {
-      const Direction *of = asked->directions + (k - NZ);
-      const Lane lane = k < NZ ? (Lane){BY_UNKNOWN, k, 0, k} : (Lane){of->kind, of->index, of->component, k};
+      const Lane lane = k < NZ ? (Lane){BY_UNKNOWN, k, 0, k} : lane_of(asked, k - NZ);
       if (k >= NZ && check_direction(c->layout, &lane)) return REFUSED;
+      const int mover = k < NZ ? IDLE : moves(c->layout, &lane);
+      if (k >= NZ && (only == IDLE ? mover >= 0 && c->layout->tied[mover] : mover != only)) continue;
       if (group_of(lane.kind) != group || !carried(lane.kind)) continue;
       lanes->lane[next++] = lane;
       lanes->by_data |= changes_data(c->layout->robot, lane.kind);

@@ -3,17 +3,6 @@
 static const int MOST_REFINEMENTS = 3, MOST_CUTS = 3, FEW = 8; /* FEW: sweeps from nearby */
 static const double SAFETY = 10.0; /* the sum of weighted local errors, so multiplied, bounds the error in all tried */
 
-/* The layout of a result, its steps halved as many times as the solve halved them. */
-static int again(const Robot *robot, const Loads *loads, const double *actuation, int refinements, Layout *layout) {
-  Layout finer;
-  int failed = lay_out(robot, loads, actuation, layout);
-  for (int k = 0; k < refinements && !failed; k++) {
-    failed = halve(layout, &finer);
-    *layout = finer;
-  }
-  return failed;
-}
-
 /* A solve on finer and finer meshes, from z near the solution on that of `first` and the inverse of a Jacobian nearby, until
    the error of positions is below the tolerance: by the sum of local errors or, if that is too large, by half the step
    length. R_ERROR is negative if only an upper bound is known. The Jacobian left is that of RK4: `near`, if it is known
@@ -156,7 +145,7 @@ EXPORT int inspect(const Robot *robot, const Loads *loads, const double *actuati
   empty();
   Layout layout, finer;
   Case c, halves;
-  int failed = again(robot, loads, actuation, (int)result[R_REFINEMENTS], &layout);
+  int failed = again(robot, loads, actuation, (int)result[R_REFINEMENTS], 1.0, &layout);
   if (!failed) failed = halve(&layout, &finer);
   if (!failed) failed = pack(&layout, &RK8, &c);
   if (!failed) failed = pack(&finer, &RK8, &halves);
@@ -173,7 +162,7 @@ EXPORT int stability(const Robot *robot, const Loads *loads, const double *actua
   for (int cuts = 0; cuts <= MOST_CUTS && negative == UNDECIDED; cuts++) { /* coarse steps may hide something */
     Layout layout;
     Case c;
-    if (again(robot, loads, actuation, refinements + cuts, &layout) || pack(&layout, &RK8, &c)) return UNDECIDED;
+    if (again(robot, loads, actuation, refinements + cuts, 1.0, &layout) || pack(&layout, &RK8, &c)) return UNDECIDED;
     negative = unstable_directions(&c, right, 1 << cuts, margin);
   }
   return negative;
@@ -216,64 +205,84 @@ EXPORT int integrate(const Robot *robot, const Loads *loads, const double *actua
 }
 
 /* Residual, predictions and their derivatives at unknowns that need not be those of an equilibrium: see model.h. All steps
-   are halved `refinements` times. */
-static int model(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
-                 const Asked *asked, Answer answer) {
-  empty();
-  Layout layout;
-  double scaled[NZ];
-  const int failed = again(robot, loads, actuation, refinements, &layout);
-  if (failed) return failed;
-  for (int i = 0; i < NZ; i++) scaled[i] = z[i] / unit_of(&layout, i);
-  return evaluate(&layout, scaled, asked, &answer);
-}
-
-/* `model` for many experiments with equal numbers of directions and probes; `failed` contains what single calls would
-   return. Returns the number of failures. */
+   are halved `refinements` times. Where break points coincide, derivatives are those from the `side`: see sided.h. For many
+   experiments with equal numbers of directions and probes; `failed` contains why each failed. Returns the number of
+   failures. */
 EXPORT int models(const Robot *robot, const Loads *const *loads, const double *actuations, const double *z, int count,
-                  int refinements, const Asked *asked, const Answer *answers, int *failed) {
+                  int refinements, int side, const Asked *asked, const Answer *answers, int *failed) {
   int failures = 0;
   for (int k = 0; k < count; k++) {
-    const Answer answer = answer_of(answers, k, NZ + asked->count, asked->probe_count);
+    Answer answer = answer_of(answers, k, NZ + asked->count, asked->probe_count);
     Asked here = *asked;
+    Setting setting = {robot, *loads[k], .refinements = refinements, .tip = -1};
     here.directions += (size_t)k * asked->count;
     here.probes += (size_t)k * asked->probe_count;
-    failed[k] = model(robot, loads[k], actuations + k * 2 * TUBES, z + k * NZ, refinements, &here, answer);
+    memcpy(setting.actuation, actuations + k * 2 * TUBES, sizeof setting.actuation);
+    empty();
+    failed[k] = evaluate_sided(&setting, z + k * NZ, &here, side, &answer);
     failures += failed[k] != 0;
   }
   return failures;
 }
 
-/* Pose rates of the tip of a tube (position, world turn): with rotations and translations (6 x 2 TUBES), and with a
-   force and a moment in the world there (6 x 6). SI. */
-EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
-                  int tube, double *jacobian, double *compliance) {
-  enum { COLUMNS = NZ + DERIVED };
+/* Force on a tube's base against advancing or drawing it back. */
+EXPORT int push(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
+                int tube, int side, double *force) {
   empty();
   Layout layout;
-  PointLoad *points = take(sizeof(PointLoad) * (loads->points + 1));
+  Setting setting = {robot, *loads, .refinements = refinements, .tip = -1}, beside;
+  memcpy(setting.actuation, actuation, sizeof setting.actuation);
+  const Asked nothing = {.count = 0, .probe_count = 0};
+  double residual[NZ], slopes_[NZ * NZ], forces[TUBES], rates_[TUBES * NZ];
+  Answer answer = {.residual = residual, .slopes = slopes_, .forces = forces, .force_rates = rates_};
+  int failed = set_up(&setting, &layout);
+  if (!failed && layout.tied[tube]) failed = set_apart(&setting, layout.length, tube, side, &beside, &layout);
+  if (!failed) failed = evaluate_si(&layout, z, &nothing, IDLE, &answer);
+  *force = forces[tube];
+  return failed;
+}
+
+/* Pose rates (position, world turn) at an arc length, or at the tip if that is NaN: with rotations and translations (6 x 2
+   TUBES), and with a force and a moment in the world (6 x 6) on a tube at an arc length, or at its end if that is NaN. The
+   pose is that of the tube `frame`, or INNERMOST. Also those of the unknowns with rotations and translations (NZ x 2
+   TUBES), and which tubes' break points coincide with others. SI. */
+EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
+                  int side, double s, int frame, double load_at, int tube, double *jacobian, double *compliance, double *unknowns,
+                  int *coincide) {
+  empty();
+  const int mark = loads->points;
+  PointLoad *points = take(sizeof(PointLoad) * (mark + 2));
   if (!points) return NO_MEMORY;
-  const Loads more = {loads->points + 1, loads->spans, points, loads->span};
-  if (loads->points) memcpy(points, loads->point, sizeof(PointLoad) * loads->points);
-  points[loads->points] = (PointLoad){.s = NAN, .tube = tube}; /* a place without a load */
+  if (mark) memcpy(points, loads->point, sizeof(PointLoad) * mark);
+  points[mark] = (PointLoad){.s = s, .tube = 0};
+  points[mark + 1] = (PointLoad){.s = load_at, .tube = tube};
+  Setting setting = {robot, {mark + 2, loads->spans, points, loads->span}, .refinements = refinements, .tip = mark}, beside;
+  memcpy(setting.actuation, actuation, sizeof setting.actuation);
   Direction directions_[DERIVED];
-  int failed = again(robot, &more, actuation, refinements, &layout);
-  if (failed) return failed;
-  if (layout.ends[tube] < layout.length) return REFUSED;
   for (int k = 0; k < DERIVED; k++) {
     const int other = k - 2 * TUBES;
     if (other < 0) directions_[k] = (Direction){k < TUBES ? BY_ROTATION : BY_TRANSLATION, k % TUBES, 0};
-    else directions_[k] = (Direction){other < 3 ? BY_FORCE : BY_MOMENT, loads->points, other % 3};
+    else directions_[k] = (Direction){other < 3 ? BY_FORCE : BY_MOMENT, mark + 1, other % 3};
   }
-  const Probe tip_ = {loads->points, tube};
-  const Asked asked = {.directions = directions_, .count = DERIVED, .probes = &tip_, .probe_count = 1};
-  double residual[NZ], slopes_[NZ * COLUMNS], pose[12], rates_[6 * COLUMNS], total[6 * DERIVED];
-  Answer answer = {.residual = residual, .slopes = slopes_, .poses = pose, .rates = rates_};
-  failed = evaluate(&layout, z, &asked, &answer);
-  if (!failed) failed = total_rates(6, DERIVED, slopes_, rates_, total);
+  const Probe probe_ = {mark, frame};
+  const Asked asked = {.directions = directions_, .count = DERIVED, .probes = &probe_, .probe_count = 1};
+  Layout layout, there;
+  double total[6 * DERIVED], change[NZ * DERIVED], sided[6 * DERIVED], sided_change[NZ * DERIVED];
+  int failed = set_up(&setting, &layout);
+  if (!failed) failed = pose_derivatives(&layout, z, &asked, IDLE, change, total);
+  for (int i = 0; i < TUBES && !failed; i++) {
+    coincide[i] = layout.tied[i];
+    if (!two_sided(&layout, &asked, i, side)) continue;
+    const int column = TUBES + i;
+    failed = set_apart(&setting, layout.length, i, side, &beside, &there);
+    if (!failed) failed = pose_derivatives(&there, z, &asked, i, sided_change, sided);
+    for (int r = 0; r < 6 && !failed; r++) total[r * DERIVED + column] = sided[r * DERIVED + column];
+    for (int r = 0; r < NZ && !failed; r++) change[r * DERIVED + column] = sided_change[r * DERIVED + column];
+  }
   for (int r = 0; r < 6 && !failed; r++) {
     memcpy(jacobian + r * 2 * TUBES, total + r * DERIVED, sizeof(double) * 2 * TUBES);
     memcpy(compliance + r * 6, total + r * DERIVED + 2 * TUBES, sizeof(double) * 6);
   }
+  for (int r = 0; r < NZ && !failed; r++) memcpy(unknowns + r * 2 * TUBES, change + r * DERIVED, sizeof(double) * 2 * TUBES);
   return failed;
 }

@@ -29,7 +29,7 @@ typedef struct {
   const Robot *robot;
   const Loads *loads;
   const double *rotations, *translations;
-  double ends[TUBES], length, stiffness;
+  double ends[TUBES], length, stiffness, beyond; /* beyond: how far a load may be beyond its tube's end */
   int breaks;
   Break *at;
   int *of_point, *of_span; /* break points of the loads: one each, two each */
@@ -162,8 +162,8 @@ static int place(const Layout *layout, double s, double index, Break *point) {
     *point = (Break){end, tube};
     return 0;
   }
-  if (!(s >= 0.0 && s <= end + SAME_POINT * layout->length)) return REFUSED;
-  *point = (Break){fmin(s, end), FIXED};
+  if (!(s >= 0.0 && s <= end + layout->beyond)) return REFUSED;
+  *point = (Break){s - end <= SAME_POINT * layout->length ? fmin(s, end) : s, FIXED};
   return 0;
 }
 
@@ -351,7 +351,7 @@ static void chain(double slack, double *ends) {
       }
 }
 
-static int lay_out(const Robot *robot, const Loads *loads, const double *actuation, Layout *layout) {
+static int lay_out_beyond(const Robot *robot, const Loads *loads, const double *actuation, double beyond, Layout *layout) {
   *layout = (Layout){.robot = robot, .loads = loads, .rotations = actuation, .translations = actuation + TUBES};
   for (int i = 0; i < TUBES; i++) {
     const double end = layout->translations[i] + robot->breaks[robot->pieces[i + 1] + i];
@@ -361,6 +361,11 @@ static int lay_out(const Robot *robot, const Loads *loads, const double *actuati
     layout->stiffness = fmax(layout->stiffness, stiffness_of(robot, i)[BENDING_STIFFNESS]);
   }
   chain(SAME_POINT * layout->length, layout->ends);
+  layout->beyond = beyond * SAME_POINT * layout->length;
   const int refused = sort_breaks(layout);
   return refused ? refused : cut_steps(layout);
+}
+
+static int lay_out(const Robot *robot, const Loads *loads, const double *actuation, Layout *layout) {
+  return lay_out_beyond(robot, loads, actuation, 1.0, layout);
 }

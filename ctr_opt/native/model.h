@@ -42,6 +42,17 @@ static void pose_rates(const Layout *layout, const double *x, const double *alon
     }
 }
 
+enum { INNERMOST = -1 };
+
+/* The tube in whose frame a probe is seen: its own, or the innermost one there. */
+static int frame_of(const Layout *layout, Probe of) {
+  int tube = of.tube;
+  const double s = layout->at[layout->of_point[of.point]].s;
+  if (tube == INNERMOST)
+    for (tube = 0; layout->ends[tube] < s;) tube++;
+  return tube;
+}
+
 static void scatter(const Lanes *lanes, int b, int rows, const double *from, double *to) {
   for (int l = 0; l < BLOCK; l++) {
     const int column = lanes->lane[b * BLOCK + l].to;
@@ -109,7 +120,7 @@ static void slide(const Lanes *lanes, int b, int point, const double *rate, doub
 static void probe(const Lanes *lanes, int k, int step, const double *x, Answer *answer) {
   const Case *c = lanes->c;
   const Layout *layout = c->layout;
-  const int point = lanes->asked->probes[k].point, tube = lanes->asked->probes[k].tube;
+  const int point = lanes->asked->probes[k].point, tube = frame_of(layout, lanes->asked->probes[k]);
   double rate[NX], by_parts[INNER_BY_DATA], outer[OUTER_BY_DATA], after[NX], out[6 * BLOCK], moved[NX * BLOCK];
   pose_of(layout, x, tube, answer->poses + 12 * (size_t)k);
   memcpy(after, x, sizeof after);
@@ -141,7 +152,7 @@ static void pass_by(const Lanes *lanes, int b, int point, const double *shift, d
 static void bend(const Lanes *lanes, int k, int step, int node, const double *x, Answer *answer) {
   const Case *c = lanes->c;
   const Layout *layout = c->layout;
-  const int point = lanes->asked->probes[k].point, tube = lanes->asked->probes[k].tube;
+  const int point = lanes->asked->probes[k].point, tube = frame_of(layout, lanes->asked->probes[k]);
   const double *shift = c->shift + ((size_t)step * c->track.rk->stages + node) * 3 * TUBES, unit = 1.0 / layout->length;
   const double along_x = cos(x[AT_ANGLES + tube]), along_y = sin(x[AT_ANGLES + tube]);
   double rate[NX], by_parts[INNER_BY_DATA], outer[OUTER_BY_DATA], frame[9], turn_rows[BEHIND_INNER], u[3];
@@ -180,7 +191,7 @@ static void bend_all(const Lanes *lanes, int at, int ended, const double *x, Ans
   const int before = layout->last[at];
   for (int k = 0; k < lanes->asked->probe_count && answer->curvatures; k++) {
     const Probe of = lanes->asked->probes[k];
-    if (layout->of_point[of.point] != at || (at > 0 && layout->at[at].s >= layout->ends[of.tube]) != ended) continue;
+    if (layout->of_point[of.point] != at || (at > 0 && layout->at[at].s >= layout->ends[frame_of(layout, of)]) != ended) continue;
     if (ended) bend(lanes, k, before, last_node(lanes->c->track.rk), x, answer);
     else bend(lanes, k, before + 1, 0, x, answer);
   }
@@ -189,7 +200,7 @@ static void bend_all(const Lanes *lanes, int at, int ended, const double *x, Ans
 static int check_probes(const Layout *layout, const Asked *asked) {
   for (int k = 0; k < asked->probe_count; k++) {
     const int point = asked->probes[k].point, tube = asked->probes[k].tube;
-    if (point < 0 || point >= layout->loads->points || tube < 0 || tube >= TUBES) return REFUSED;
+    if (point < 0 || point >= layout->loads->points || tube < INNERMOST || tube >= TUBES) return REFUSED;
   }
   return 0;
 }
@@ -222,14 +233,14 @@ static void move_all(const Lanes *lanes, Answer *answer) {
   }
 }
 
-/* Everything at unknowns z, dimensionless. */
-static int evaluate(Layout *layout, const double *z, const Asked *asked, Answer *answer) {
+/* Everything at unknowns z, dimensionless; by directions as for `line_up`. */
+static int evaluate(Layout *layout, const double *z, const Asked *asked, int only, Answer *answer) {
   double x[NX], linear[MOST_STAGES * (NX + INNER_BY_DATA + OUTER_BY_DATA)];
   Case c;
   Lanes lanes;
   int failed = pack(layout, &RK8, &c);
   if (!failed) failed = check_probes(layout, asked);
-  if (!failed) failed = line_up(&c, z, asked, &lanes);
+  if (!failed) failed = line_up(&c, z, asked, only, &lanes);
   if (failed) return failed;
   start_state(&c, z, x);
   start_lanes(&lanes);
@@ -253,25 +264,5 @@ static int evaluate(Layout *layout, const double *z, const Asked *asked, Answer 
   }
   tip(&lanes, x, answer);
   move_all(&lanes, answer);
-  return 0;
-}
-
-enum { DERIVED = 2 * TUBES + 6 }; /* rotations, translations, force and moment */
-
-/* What a derivative at an equilibrium is in all: dy/dp - dy/dz (dr/dz)^-1 dr/dp, rows of `rows` by `count` parameters. */
-static int total_rates(int rows, int count, const double *slopes_, const double *rates_, double *total) {
-  const int columns = NZ + count;
-  double tip_[NZ * NZ], change[NZ * DERIVED];
-  for (int i = 0; i < NZ; i++) {
-    memcpy(tip_ + i * NZ, slopes_ + i * columns, sizeof(double) * NZ);
-    memcpy(change + i * count, slopes_ + i * columns + NZ, sizeof(double) * count);
-  }
-  if (solve(NZ, count, tip_, change)) return SINGULAR;
-  for (int r = 0; r < rows; r++)
-    for (int d = 0; d < count; d++) {
-      double sum = rates_[r * columns + NZ + d];
-      for (int i = 0; i < NZ; i++) sum -= rates_[r * columns + i] * change[i * count + d];
-      total[r * count + d] = sum;
-    }
   return 0;
 }

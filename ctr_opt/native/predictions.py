@@ -84,6 +84,8 @@ class Predictions:
         tube. Default: those of the observables, and 0 if their place is estimated.
     refinements
         Number of times that all steps are halved.
+    side
+        Side of the derivatives where break points coincide: +1 for a growing parameter, -1 for a shrinking one.
 
     Raises
     ------
@@ -112,10 +114,11 @@ class Predictions:
         observables: Sequence[Observable],
         places: Array | None = None,
         refinements: int = 0,
+        side: int = 1,
     ) -> None:
         if not experiments:
             raise DefinitionError("experiments is empty")
-        self.robot, self.refinements = robot, whole(refinements, "refinements", 0)
+        self.robot, self.refinements, self.side = robot, whole(refinements, "refinements", 0), side
         kind = kind_of(load for _, loads in experiments for load in loads)
         self._native = library(len(robot.tubes), kind).built()
         self.observables = list(observables)
@@ -213,7 +216,7 @@ class Predictions:
         values = {name: np.empty(shape) for name, shape in self._shapes.items()}
         failed = np.empty(count, dtype=np.intc)
         case = (self._table.address, self._addresses.ctypes.data, self._actuations.ctypes.data, z.ctypes.data, count)
-        asked, answer = (self.refinements, self._asked.address), abi.Structure(abi.Answer, **values)
+        asked, answer = (self.refinements, self.side, self._asked.address), abi.Structure(abi.Answer, **values)
         if self._native.models(*case, *asked, answer.address, failed.ctypes.data):
             for numbers in values.values():
                 numbers[failed != 0] = np.nan

@@ -31,7 +31,7 @@ class ParametricProblem:
     """A configuration with chosen parameters as symbols.
 
     ``probes`` are arc lengths of requested values, on a tube or (None) on the robot. With ``from_left`` values are
-    taken before anything that acts or ends there.
+    taken before anything that acts or ends there; with ``retreating`` behind what is drawn back from there.
     """
 
     def __init__(
@@ -42,12 +42,13 @@ class ParametricProblem:
         probes: Sequence[tuple[float, int | None]] = (),
         *,
         from_left: bool = False,
+        retreating: bool = False,
         clip: bool = False,
     ) -> None:
         self.configuration = configuration
         self.chosen = list(chosen)
         self.integrator = integrator
-        self.from_left = from_left
+        self.from_left, self.retreating = from_left, retreating
         self.theta = ca.SX.sym("theta", sum(parameter.size for parameter in self.chosen))
         self.parts = slices({parameter.name: parameter.size for parameter in self.chosen})
         values = {name: self.theta[part] for name, part in self.parts.items()}
@@ -103,7 +104,7 @@ class ParametricProblem:
 
         def rank(key: Key) -> tuple[float, int]:
             if key == PROBE and self.from_left:
-                return -np.inf, 0
+                return 0.0 if self.retreating else -np.inf, -1
             return round(sign * float(velocities[key][column]) / _STILL), listed[key]
 
         bases = [key for key in listed if self._behind(key)]

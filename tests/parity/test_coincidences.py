@@ -166,6 +166,36 @@ def test_derivatives_in_compiled_code(index):
             close(shape.compliance(tube=tube), other.compliance(tube=tube), 1e-7 * np.abs(other.compliance()).max())
 
 
+@pytest.mark.parametrize("riding", [False, True])
+@pytest.mark.parametrize("index", some_slow(range(40), [0, 3, 11]))
+def test_one_sided_derivatives_in_compiled_code(index, riding, monkeypatch):
+    """Without symbols, from either side, at the tip and at a place where something ends or begins.
+
+    They are evaluated some 1e-12 of the length beside. What remains are the errors of both solves, which derivatives
+    amplify to 1e-6 of the largest.
+    """
+    given, shape = solved(index, riding)
+    other = solve(given, compiled=False, initial=shape)
+    rng, sides = np.random.default_rng(index), (1, -1)
+    tube = int(rng.integers(len(given.ends)))
+    place = metres(rng.choice([s for s in given.places if metres(s) < shape.length - 1e-9]))
+    asked = {f"jacobian({s}, {k})": lambda e, s=s, k=k: e.jacobian(s, k) for s in (None, place) for k in sides}
+    asked |= {f"compliance({s}, {tube})": lambda e, s=s: e.compliance(s, tube=tube) for s in (None, place)}
+    asked |= {f"actuator_wrench({tube}, {k})": lambda e, k=k: np.array(e.actuator_wrench(tube, k)) for k in sides}
+    expected = {name: question(other) for name, question in asked.items()}
+    kinks, one_sided = other.kinks, other.one_sided
+
+    def symbols(*_, **__):
+        raise AssertionError("derivatives by symbols")
+
+    monkeypatch.setattr("ctr_opt.forward.derivatives.derivatives", symbols)
+    for name, question in asked.items():
+        allowed = 1e-5 * np.abs(expected[name]).max() + 1e-9
+        np.testing.assert_allclose(question(shape), expected[name], rtol=0.0, atol=allowed, err_msg=name)
+    assert shape.kinks == kinks
+    assert shape.one_sided == one_sided
+
+
 def own_curvature(shape, tube, s):
     """Of a tube in its own frame, at its end."""
     own = shape.robot.tubes[tube]
