@@ -79,10 +79,17 @@ class Robot:
 
     @property
     def base_quaternion(self) -> Array:
-        """Orientation of the entry point, ``(w, x, y, z)``."""
-        from scipy.spatial.transform import Rotation
+        """Orientation of the entry point, ``(w, x, y, z)``, with ``w >= 0``.
 
-        return np.roll(Rotation.from_matrix(self.base_pose[:3, :3]).as_quat(), 1)
+        It is the eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (J. Guidance 23, 2000, 1085-1087). SciPy
+        would do the same, but its import takes longer than a process's first solve.
+        """
+        r = self.base_pose[:3, :3]
+        matrix = np.empty((4, 4))
+        matrix[0, 0], matrix[1:, 1:] = np.trace(r), r + r.T - np.trace(r) * np.eye(3)
+        matrix[0, 1:] = matrix[1:, 0] = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+        quaternion = np.linalg.eigh(matrix)[1][:, -1].copy()  # compiled code wants the numbers side by side
+        return np.asarray(quaternion if quaternion[0] >= 0.0 else -quaternion)
 
     @property
     def overlaps(self) -> list[str]:
