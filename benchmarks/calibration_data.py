@@ -95,7 +95,7 @@ def main():
         print(f"{calibration.table} written")
         return
     made = experiments(calibration, ctr.load_plan(calibration.path.parent / "plan.toml"))
-    write_experiments(calibration.table, made, f"{comment}; forces at the inner tube's tip.")
+    write_experiments(calibration.table, made, f"{comment}; forces at the inner tube's tip.", decimals=4)
     print(f"{calibration.table} written; tips of the checks, m:")
     for check, tip in zip(calibration.checks, checks(calibration), strict=True):
         print(f"  {check.problem.path.name}: {np.round(tip, 7).tolist()}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, TypeVar, cast
 
 import attrs
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .errors import DefinitionError
 
 Array = NDArray[np.float64]
+_N = TypeVar("_N", bound=NDArray[Any])
 ARRAY_EQ = attrs.cmp_using(eq=np.array_equal)
 """Equality of fields that hold arrays."""
 
@@ -33,6 +34,7 @@ def alike(one: Any, other: Any) -> bool:
 ANY_EQ = attrs.cmp_using(eq=alike, require_same_type=False)
 """Equality of a field that holds numbers, arrays, or pairs of these."""
 _LARGEST = 1e30  # in SI: no length, modulus or force is larger, and none overflows
+SMALLEST = 1e-100  # of what must be positive: its square does not vanish
 _ROTATION_TOLERANCE = 1e-6
 
 
@@ -48,14 +50,14 @@ def number(
     """Check a finite float with ``above < value`` and ``least <= value <= most``."""
     allowed = _range(above, least, most, unit)
     try:
-        if isinstance(value, (bool, str, bytes)):
+        if isinstance(value, (bool, str, bytes)) or value is np.ma.masked:
             raise TypeError
         result = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise DefinitionError(f"{field} = {value!r} must be {allowed}") from None
+    except Exception:  # whatever the value's own conversion raises
+        raise DefinitionError(f"{field} = {short(value)} must be {allowed}") from None
     inside = (
         abs(result) <= _LARGEST
-        and (above is None or result > above)
+        and (above is None or result > above + (SMALLEST if above == 0.0 else 0.0))
         and (least is None or result >= least)
         and (most is None or result <= most)
     )
@@ -93,8 +95,12 @@ def array(
         if raw.dtype.kind not in "iuf":
             raise TypeError
         result = np.asarray(raw, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise DefinitionError(f"{field} = {_short(value)} must be numbers of shape {_wanted(shape)}") from None
+    except Exception:  # whatever the value's own conversion raises
+        raise DefinitionError(f"{field} = {short(value)} must be numbers of shape {_wanted(shape)}") from None
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        mask = np.atleast_1d(np.ma.getmaskarray(value))
+        points = np.atleast_1d(mask.any(axis=tuple(range(1, mask.ndim))))
+        raise DefinitionError(f"{field}: {points.sum()} of {len(points)} points are masked: leave them out")
     if result.shape != shape and (
         result.ndim != len(shape) or any(size not in (None, got) for size, got in zip(shape, result.shape, strict=True))
     ):
@@ -109,11 +115,22 @@ def array(
     return result
 
 
+def frozen(values: _N) -> _N:
+    """Make an array read-only, so that nobody who is given it changes the answer for others."""
+    values.setflags(write=False)
+    return values
+
+
+def freezing(values: Any) -> Any:
+    """A converter for fields, which makes an array read-only."""
+    return frozen(values)
+
+
 def direction(value: Any, field: str) -> Array:
     """Check a direction ``(3,)`` of any nonzero length and return the unit vector."""
     vector = array(value, field, (3,))
     size = float(np.linalg.norm(vector))
-    if size == 0.0:
+    if size <= SMALLEST:
         raise DefinitionError(f"{field} = {vector.tolist()} is zero, but must be a direction")
     return vector / size
 
@@ -155,12 +172,43 @@ def flag(value: Any, field: str) -> bool:
 def whole(value: Any, field: str, least: int, most: float = np.inf, *, meaning: str = "") -> int:
     """Check an integer ``least <= value <= most``; ``meaning`` describes it in errors."""
     try:
-        if isinstance(value, bool) or int(value) != value or not least <= value <= most:
+        if isinstance(value, bool) or value is np.ma.masked or int(value) != value or not least <= value <= most:
             raise ValueError
         return int(value)
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # whatever the value's own conversion raises
         wanted = meaning or f"a whole number, at least {least}" + (f" and at most {most}" if most < np.inf else "")
         raise DefinitionError(f"{field} = {value!r} must be {wanted}") from None
+
+
+def side_of(value: Any, field: str = "side") -> int:
+    """Check the side of a derivative: 1 or -1."""
+    result = whole(value, field, -1, 1, meaning="1 or -1")
+    if not result:
+        raise DefinitionError(f"{field} = {value!r} must be 1 or -1")
+    return result
+
+
+def names_of(value: Any, field: str) -> list[str]:
+    """Check a list of names, or a single name."""
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
+        raise DefinitionError(f"{field} = {short(value)} must be a list of names")
+    return list(names)
+
+
+def function(value: Any, field: str) -> Any:
+    """Check a function that may be left out."""
+    if value is not None and not callable(value):
+        raise DefinitionError(f"{field} = {short(value)} must be a function or None")
+    return value
+
+
+def listed(value: Any, field: str, wanted: str) -> list[Any]:
+    """Check something that can be listed: ``wanted`` says of what."""
+    try:
+        return list(value)
+    except Exception:  # whatever its iteration raises
+        raise DefinitionError(f"{field} = {short(value)} must be {wanted}") from None
 
 
 def index(value: Any, field: str, size: int | None = None) -> int:
@@ -193,8 +241,20 @@ def _first(good: Any, values: Array) -> tuple[str, float]:
     return ", ".join(map(str, place)), float(values[place])
 
 
-def _short(value: Any) -> str:
-    text = repr(value)
+def dimensions(value: Any) -> int:
+    """Number of axes of what may be an array; one for what cannot, so that :func:`array` says so."""
+    try:
+        return np.ndim(value)
+    except Exception:  # ragged lists, and whatever the value's own conversion raises
+        return 1
+
+
+def short(value: Any) -> str:
+    """A short text of any value, for messages."""
+    try:
+        text = repr(value)
+    except ValueError:  # an int of more digits than Python prints
+        text = f"a {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "..."
 
 

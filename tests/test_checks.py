@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import ctr_opt as ctr
 from ctr_opt.checks import alike, array, direction, index, number, whole
 from ctr_opt.errors import DefinitionError
 
@@ -64,3 +65,10 @@ def test_directions_are_unit_vectors():
 )
 def test_numbers_in_tuples_and_arrays_are_compared(one, other, same):
     assert alike(one, other) is alike(other, one) is same
+
+
+def test_masked_values_are_no_measurements():
+    points = np.ma.array(np.zeros((15, 3)), mask=np.arange(45).reshape(15, 3) < 6)
+    with pytest.raises(ctr.DefinitionError, match=r"position: 2 of 15 points are masked: leave them out"):
+        ctr.BackboneMeasurement(points, sigma=1e-3)
+    assert ctr.BackboneMeasurement(np.ma.array(np.zeros((2, 3))), sigma=1e-3).position.shape == (2, 3)

@@ -16,7 +16,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Array, choice
+from ..checks import Array, choice, listed
 from ..errors import DefinitionError, EstimationError, SolveError
 from ..estimation.blocks import Blocks, form
 from ..estimation.comparison import Comparison
@@ -334,7 +334,8 @@ class Estimation:
 
 
 def _checked(robot: Robot, experiments: Any) -> list[Experiment]:
-    checked = [experiments] if isinstance(experiments, Experiment) else list(experiments or ())
+    one = isinstance(experiments, Experiment)
+    checked = [experiments] if one else listed(experiments, "experiments", "a list of experiments")
     if not checked:
         raise DefinitionError("experiments = [] must hold at least one experiment")
     for k, experiment in enumerate(checked):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from ..checks import function, listed
 from ..estimation.experiment import Experiment
 from ..robot.robot import Robot
 from . import solving
@@ -69,7 +70,7 @@ class CalibrationProblem:
         compiled: bool | None = None,
     ) -> None:
         plain = parameters is None or isinstance(parameters, (str, Parameter))
-        self.parameters = parameters if plain else list(parameters)
+        self.parameters = parameters if plain else listed(parameters, "parameters", "a list of names or Parameters")
         self._estimation = Estimation(robot, experiments, self.parameters, loss, tolerance, compiled)
         solving.check_sensors(self._estimation)
 
@@ -105,7 +106,7 @@ class CalibrationProblem:
         EstimationError
             The estimation failed. The message says what was tried, how far it came and what to do.
         """
-        return solving.solve(self._estimation, method, progress)
+        return solving.solve(self._estimation, method, function(progress, "progress"))
 
     def nominal(self) -> Fit:
         """Compare the initial parameters with the measurements, without estimation.

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import attrs
 import numpy as np
 
-from ..checks import Array
+from ..checks import Array, choice, listed, number, whole
 from ..errors import DefinitionError, EstimationError, EstimationWarning
 from ..estimation.experiment import Experiment
 from .estimation import Estimation
@@ -18,13 +18,14 @@ from .solution import CalibrationSolution, Residual
 
 Fit = TypeVar("Fit", bound=CalibrationSolution)
 
+_MOST_VALUES, _MOST_REPETITIONS = 10_000, 1_000_000
 _FEW = 0.05  # the share of a bootstrap's repetitions that may be left out
 
 
 def profile(fit: CalibrationSolution, label: str, count: int, width: float) -> tuple[Array, Array]:
     """Values of one number, and the excess loss with all other numbers refitted."""
-    if label not in fit.labels:
-        raise DefinitionError(f"label = {label!r} must be one of {', '.join(fit.labels)}")
+    count, width = whole(count, "count", 1, _MOST_VALUES), number(width, "width", above=0.0)
+    choice(label, "label", fit.labels)
     estimation, k = fit.estimation, fit.labels.index(label)
     error = float(fit.deviations[k])
     if not np.isfinite(error):
@@ -64,8 +65,9 @@ def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
     """The estimates of a fit, compared with other experiments."""
     _check_shared(fit)
     homes = fit.estimation.unknowns.homes_at(fit.outcome.x)
+    experiments = listed(experiments, "experiments", "a list of experiments")
     for k, experiment in enumerate(experiments):
-        if homes.within(experiment.actuation):
+        if isinstance(experiment, Experiment) and homes.within(experiment.actuation):
             raise DefinitionError(
                 f"experiments[{k}]: the actuation already has the homes that the fit adds: give the joint readings"
             )
@@ -77,7 +79,8 @@ def tested(fit: Fit, experiments: Sequence[Experiment], whose: str) -> Fit:
 def bootstrap(fit: CalibrationSolution, repetitions: int, seed: int) -> Array:
     """Estimates from resampled experiments, one row for each successful repetition."""
     _check_shared(fit)
-    rng, count = np.random.default_rng(seed), len(fit.estimation.experiments)
+    repetitions = whole(repetitions, "repetitions", 1, _MOST_REPETITIONS)
+    rng, count = np.random.default_rng(whole(seed, "seed", 0)), len(fit.estimation.experiments)
     estimates, failures = [], []
     for repetition in range(repetitions):
         try:
@@ -135,7 +138,8 @@ def _check_shared(fit: CalibrationSolution) -> None:
 def _numbered(fit: CalibrationSolution, experiments: Sequence[int] | int) -> list[int]:
     """Checked numbers of existing experiments."""
     count = len(fit.estimation.experiments)
-    numbers = [experiments] if np.ndim(experiments) == 0 else list(experiments)  # type: ignore[arg-type]
+    single = isinstance(experiments, (int, np.integer))
+    numbers = [experiments] if single else listed(experiments, "experiments", "a list of numbers of experiments")
     for k in numbers:
         if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not 0 <= k < count:
             raise DefinitionError(f"experiments: {k!r} must be the number of an experiment from 0 to {count - 1}")

@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Array
+from ..checks import Array, freezing, frozen
 from ..errors import EstimationError
 from ..estimation.chi_square import p_value, quantile, tail
 from ..estimation.linearized import Linearized
@@ -54,7 +54,7 @@ class Residual:
     arc_length: float
     """Arc length of the measurement at the estimates, m; the estimate if it was unknown."""
 
-    value: Array
+    value: Array = attrs.field(converter=freezing)
     measured: Measurement = attrs.field(repr=False)
 
     @property
@@ -105,12 +105,12 @@ class CalibrationSolution:
     @cached_property
     def estimates(self) -> Array:
         """Estimates in the order of :attr:`labels`, SI; not a number if undetermined."""
-        return np.where(self._open, np.nan, self.outcome.x)
+        return frozen(np.where(self._open, np.nan, self.outcome.x))
 
     @cached_property
     def deviations(self) -> Array:
         """Standard errors in the order of :attr:`labels`, SI; infinite if undetermined."""
-        return np.sqrt(np.diag(self.covariance))
+        return frozen(np.sqrt(np.diag(self.covariance)))
 
     @cached_property
     def standard_errors(self) -> dict[str, Any]:
@@ -141,7 +141,7 @@ class CalibrationSolution:
         """Correlations of the numbers of :attr:`labels`; not a number if undetermined."""
         known = np.isfinite(self.deviations) & (self.deviations > 0.0)
         deviations = np.where(known, self.deviations, np.nan)
-        return np.asarray(self.covariance / np.outer(deviations, deviations))
+        return frozen(self.covariance / np.outer(deviations, deviations))
 
     @cached_property
     def undetermined(self) -> list[Direction]:
@@ -299,7 +299,7 @@ class CalibrationSolution:
         for of_one, gradient in zip(self._information.each, self._information.gradients, strict=True):
             step = np.linalg.lstsq(full - known.T @ of_one @ known, known.T @ gradient, rcond=None)[0]
             influence.append(step @ inverse @ step / max(known.shape[1], 1))
-        return np.array(influence)
+        return frozen(np.array(influence))
 
     @cached_property
     def outliers(self) -> list[int]:
@@ -350,7 +350,7 @@ class CalibrationSolution:
         values = self._scaled(noise) * np.outer(scale, scale)
         values[undetermined, :] = values[:, undetermined] = np.nan
         values[undetermined, undetermined] = np.inf
-        return values
+        return frozen(values)
 
     def _scaled(self, noise: float | None) -> Array:
         parts, known = self._information, self._determined.known

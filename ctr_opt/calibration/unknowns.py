@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..checks import ANY_EQ, Array, array, number
+from ..checks import ANY_EQ, Array, array, dimensions, number, short
 from ..errors import DefinitionError
 from ..estimation.sensors import Mounting
 from ..loads.kind import Load
@@ -39,7 +39,10 @@ def _bounds(value: Any) -> tuple[Any, Any] | None:
 
 
 def _names(value: Any) -> tuple[str, ...]:
-    return (value,) if isinstance(value, str) else tuple(value)
+    names = (value,) if isinstance(value, str) else value
+    if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
+        raise DefinitionError(f"tied = {value!r} must be a list of names of parameters")
+    return tuple(names)
 
 
 @attrs.frozen
@@ -148,6 +151,8 @@ class Unknowns:
             raise DefinitionError("parameters = [] must name at least one parameter")
         names = [parameter.name for parameter in listed]
         for k, name in enumerate(names):
+            if not isinstance(name, str):
+                raise DefinitionError(f"parameters[{k}] = {short(name)} must be the name of a parameter")
             if name in names[:k]:
                 raise DefinitionError(f"parameters lists {name!r} twice")
         self.wanted = listed
@@ -263,8 +268,6 @@ class Unknowns:
     # -- reading ---------------------------------------------------------------------------------------------------
 
     def _entry(self, wanted: Parameter) -> Unknown:
-        if not isinstance(wanted.name, str):
-            raise DefinitionError(f"parameters: {wanted.name!r} must be the name of a parameter")
         if wanted.tied:
             return self._tied(wanted)
         match parsed(wanted.name):
@@ -329,7 +332,7 @@ class Unknowns:
         shape, flat = parameter.value.shape, np.array(parameter.value, dtype=np.float64).ravel()
 
         def of_shape(what: Any, field: str) -> Array:
-            if np.ndim(what) == 0:
+            if dimensions(what) == 0:
                 return np.full(len(flat), number(what, f"{wanted.name}: {field}"))
             return np.array(array(what, f"{wanted.name}: {field}", shape)).ravel()
 
@@ -407,7 +410,7 @@ def _indexed(name: str) -> tuple[str, int]:
 def _or_infinite(of_shape: Any, value: Any, sign: int) -> Array:
     """A bound as an array, infinite where the value is None or infinite."""
     infinite = sign * np.inf
-    if np.ndim(value) == 0:
+    if dimensions(value) == 0:
         none = value is None or value == infinite
         return np.full_like(of_shape(0.0, "bounds"), infinite) if none else of_shape(value, "bounds")
     bounds = np.asarray(value, dtype=object)

@@ -11,7 +11,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..checks import Array, number
+from ..checks import Array, number, whole
 from ..errors import DefinitionError
 from ..estimation.experiment import Experiment
 from ..estimation.measurements import (
@@ -256,7 +256,7 @@ class _Row:
 
 
 def write_experiments(
-    path: str | Path, experiments: Sequence[Experiment], comment: str = "", *, decimals: int = 4
+    path: str | Path, experiments: Sequence[Experiment], comment: str = "", *, decimals: int | None = None
 ) -> None:
     """Write experiments to a CSV table that :func:`read_experiments` reads.
 
@@ -274,7 +274,7 @@ def write_experiments(
     comment
         Text for the first lines, written behind ``#``.
     decimals
-        Number of decimals of measured values.
+        Number of decimals of measured values; default: all digits, so that reading gives the same numbers to rounding.
 
     Raises
     ------
@@ -283,6 +283,8 @@ def write_experiments(
     """
     if not experiments:
         raise DefinitionError("experiments = [] must hold at least one experiment")
+    if decimals is not None:
+        whole(decimals, "decimals", 0, 17)
     loaded = any(experiment.loads for experiment in experiments)
     rows, common = [], _Common()
     for k, experiment in enumerate(experiments):
@@ -328,9 +330,9 @@ class _Common:
             )
 
 
-def _cells(experiment: Experiment, loaded: bool, decimals: int) -> dict[str, str]:
+def _cells(experiment: Experiment, loaded: bool, decimals: int | None) -> dict[str, str]:
     """Format the fields of an experiment by their columns."""
-    joints, exact, rounded = experiment.actuation, "{:.12g}", f"{{:.{decimals}f}}"
+    joints, exact, rounded = experiment.actuation, "{:.15g}", "{:.15g}" if decimals is None else f"{{:.{decimals}f}}"
     if "#" in experiment.name or len(experiment.name.splitlines()) > 1:
         raise DefinitionError(f"name = {experiment.name!r} must be one line without '#', which begins a comment")
     cells = {"name": experiment.name}

@@ -67,7 +67,7 @@ class DistributedForce(UnknownLoad):
 
     kind = "distributed_force"
     entries = described(
-        coefficients=Entry("whole", least=_DEGREES[0] + 1),
+        coefficients=Entry("whole", least=_DEGREES[0] + 1, most=1000),
         **place.SPAN,
         degree=Entry("whole", least=_DEGREES[0], most=_DEGREES[1]),
         smoothness=Entry("m^5/N^2", above=0.0, optional=True),

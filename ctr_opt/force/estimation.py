@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from ..calibration.fit import Fit
-from ..checks import Array, array, choice, index, whole
+from ..checks import Array, array, choice, dimensions, index, whole
 from ..errors import DefinitionError, EstimationError, SolveError
 from ..estimation.experiment import Experiment, several
 from ..estimation.losses import LOSSES
@@ -197,7 +197,7 @@ def _same(case: Case, a: SearchState, b: SearchState) -> bool:
 def _deviations(value: Any, field: str, tubes: int) -> Array | None:
     if value is None:
         return None
-    deviations = array(value, field, (None,) * np.ndim(value))
+    deviations = array(value, field, (None,) * dimensions(value))
     if deviations.shape not in ((), (1,), (tubes,)) or not (deviations > 0.0).all():
         raise DefinitionError(f"{field} = {value!r} must be positive: a number, or one for each of {tubes} tubes")
     return np.array(np.broadcast_to(deviations, (tubes,)))

@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from ..calibration.uncertainty import OPEN, TAKES_PART, combination
-from ..checks import Array, array
+from ..checks import Array, array, dimensions, frozen
 from ..errors import DefinitionError
 from ..estimation.chi_square import p_value
 from ..estimation.measurements import PositionMeasurement
@@ -59,7 +59,7 @@ class ForceSolution(Estimated):
         self.evidence = list(evidence)
         self.case = case
         self.numbered, self.labels = case.numbered, case.numbered.labels
-        self.state, self.estimates = states[0], states[0].x
+        self.state, self.estimates = states[0], frozen(states[0].x.copy())
 
     # -- estimates -------------------------------------------------------------------------------------------------
 
@@ -186,7 +186,7 @@ class ForceSolution(Estimated):
             along = vectors[:, known]
             free = Spread(-along @ ((along.T @ gradient) / values[known]), scaled)
             scaled = self.case.possible(free, self.estimates).about_zero
-        return scaled * np.outer(scale, scale)
+        return frozen(scaled * np.outer(scale, scale))
 
     def position(self, s: Any) -> tuple[Array, Array]:
         """Backbone positions ``(..., 3)``, m, at arc lengths ``s``, and covariances ``(..., 3, 3)``, m^2.
@@ -212,7 +212,7 @@ class ForceSolution(Estimated):
         >>> position.shape, bool(covariance[1, 1] < 1e-8)
         ((3,), True)
         """
-        arc_lengths = array(s, "s", (None,) * np.ndim(s), unit="m")
+        arc_lengths = array(s, "s", (None,) * dimensions(s), unit="m")
         places = self.shape.shape.inside(arc_lengths.ravel(), self.shape.length, "the robot")
         seen = PositionMeasurement(places, np.zeros((len(places), 3)), sigma=1.0)
         slopes = self.case.slopes_of(seen, self.state, lambda: self.shape.solved().steps).reshape(len(places), 3, -1)

@@ -11,7 +11,7 @@ import attrs
 import numpy as np
 
 from ..calibration.fit import Fit
-from ..checks import Array, array, number, whole
+from ..checks import Array, array, dimensions, number, whole
 from ..errors import DefinitionError, EstimationError, SolveError
 from ..estimation.measurements import Measurement
 from ..layout.ends import Ends
@@ -358,9 +358,8 @@ def _drift(drift: Any, numbered: Numbered) -> Array:
         raise DefinitionError(f"drift = {drift!r} must be a mapping with the keys {' and '.join(fields)}")
     deviations = np.empty(len(numbered.labels))
     for field, size in fields.items():
-        value = np.broadcast_to(
-            array(by_field[field], f"drift[{field!r}]", (None,) * np.ndim(by_field[field])), (size,)
-        )
+        several = dimensions(by_field[field]) > 0
+        value = array(by_field[field], f"drift[{field!r}]", (size,) if several else ())
         if not (value > 0.0).all():
             raise DefinitionError(f"drift[{field!r}] = {by_field[field]!r} must be positive")
         for part in numbered.where(field):

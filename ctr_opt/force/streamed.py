@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import attrs
 
-from ..checks import Array
+from ..checks import Array, freezing
 from ..estimation.chi_square import p_value
 from .numbers import Estimated, Numbered
 
@@ -34,12 +34,12 @@ class StreamedForce(Estimated):
     time: float
     status: str
     labels: tuple[str, ...]
-    estimates: Array
-    covariance: Array
+    estimates: Array = attrs.field(converter=freezing)
+    covariance: Array = attrs.field(converter=freezing)
     chi_squared: float
     degrees_of_freedom: int
-    window_times: Array
-    window_estimates: Array
+    window_times: Array = attrs.field(converter=freezing)
+    window_estimates: Array = attrs.field(converter=freezing)
     numbered: Numbered = attrs.field(repr=False)
 
     @property

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import attrs
 import numpy as np
 
-from ..checks import ANY_EQ, Array, Checked, Entry, Table, array, described, number, unchecked
+from ..checks import ANY_EQ, Array, Checked, Entry, Table, array, described, dimensions, direction, number, unchecked
 from ..errors import DefinitionError
 from ..layout.ends import Ends
 from ..loads import place
@@ -29,10 +29,7 @@ _INSIDE = 1e-6  # of a robot's length: the search keeps contacts this far from a
 def _normal(value: Any) -> tuple[float, ...] | None:
     if value is None:
         return None
-    normal = array(value, "normal", (3,))
-    if not normal.any():
-        raise DefinitionError("normal = [0, 0, 0] has no direction")
-    return tuple((normal / np.linalg.norm(normal)).tolist())
+    return tuple(direction(value, "normal").tolist())
 
 
 _PRIOR = {"mean": Entry("N", (3,), scalar_too=True), "sigma": Entry("N", (3,), scalar_too=True)}
@@ -74,7 +71,7 @@ class Gaussian:
         if not isinstance(given, (tuple, list)) or len(given) != 2:
             raise DefinitionError(f"{field} = {given!r} must be a pair: mean and standard deviation")
         mean = _numbers(given[0], f"{field}: mean", size)
-        if np.ndim(given[1]) < 2:
+        if dimensions(given[1]) < 2:
             deviations = _numbers(given[1], f"{field}: standard deviation", size)
             if not (deviations > 0.0).all():
                 raise DefinitionError(f"{field}: the standard deviation {given[1]!r} must be positive")
@@ -87,7 +84,7 @@ class Gaussian:
 
 def _numbers(value: Any, field: str, size: int) -> Array:
     """Components from one number for all, or one for each."""
-    return np.full(size, number(value, field)) if np.ndim(value) == 0 else array(value, field, (size,))
+    return np.full(size, number(value, field)) if dimensions(value) == 0 else array(value, field, (size,))
 
 
 def limits(given: Any, field: str, size: int, least: float = -np.inf) -> tuple[Array, Array]:

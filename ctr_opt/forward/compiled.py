@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import attrs
 import numpy as np
 
-from ..checks import Array
+from ..checks import Array, frozen
 from ..layout.configuration import Configuration
 from ..layout.ends import Ends
 from ..loads.kind import Load
@@ -248,7 +248,7 @@ class CompiledRecord:
     @cached_property
     def numbers(self) -> Array:
         """The numbers that the library wrote."""
-        return np.asarray(self._held)
+        return frozen(np.asarray(self._held))
 
     @property
     def compiled(self) -> bool:
@@ -366,7 +366,7 @@ class CompiledRecord:
     @cached_property
     def tip_position(self) -> Array:
         """Position of the tip, m, world frame."""
-        return self._tip_state[:3] * self.length
+        return frozen(self._tip_state[:3] * self.length)
 
     @cached_property
     def tip_pose(self) -> Array:
@@ -376,7 +376,7 @@ class CompiledRecord:
         pose = np.eye(4)
         pose[:3, :3] = _turned(state[orientation:angles], state[angles + self._innermost_at_tip])
         pose[:3, 3] = self.tip_position
-        return pose
+        return frozen(pose)
 
     @cached_property
     def ends(self) -> Ends:

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..checks import Array, index
+from ..checks import Array, index, names_of, side_of, whole
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
 from ..layout.observables import Observable
@@ -30,7 +30,7 @@ Solve: TypeAlias = Callable[[], Solved]
 def jacobian(record: Record, solve: Solve, s: float | None, side: int) -> Array:
     """Derivative of the pose at ``s`` or at the tip by rotations and translations."""
     place = None if s is None else place_of(s, None, record.ends)
-    rates = record.rates(PoseRate(place, side=_checked(side)))
+    rates = record.rates(PoseRate(place, side=side_of(side)))
     if rates is not None:
         return rates.jacobian
     solved = solve()
@@ -64,20 +64,21 @@ def compliance(record: Record, solve: Solve, s: float | None, load_at: float | N
 def sensitivity(record: Record, solve: Solve, of: Any, wrt: str | Sequence[str], order: int, side: int) -> Array:
     """Derivative of an output by named parameters; the axes of the output come first."""
     configuration = record.configuration
-    if order not in (1, 2):
-        raise DefinitionError(f"order = {order!r} must be 1 or 2")
-    single = isinstance(wrt, str)
+    order = whole(order, "order", 1, 2, meaning="1 or 2")
+    single, names = isinstance(wrt, str), names_of(wrt, "wrt")
+    if not names:
+        raise DefinitionError("wrt is empty: name at least one parameter")
     selected = chosen(
         parameters(configuration.robot, configuration.actuation, configuration.loads),
-        [wrt] if isinstance(wrt, str) else wrt,
+        names,
     )
     wanted = output(of, configuration)
     shape = selected[0].value.shape if single else (sum(parameter.size for parameter in selected),)
     if order == 1:
-        first = predicted(record, wanted, [parameter.name for parameter in selected], _checked(side))
+        first = predicted(record, wanted, [parameter.name for parameter in selected], side_of(side))
         if first is not None:
             return first.reshape(wanted.shape + shape)
-    result = derivatives(solve(), wanted, selected, side=_checked(side), order=order)
+    result = derivatives(solve(), wanted, selected, side=side_of(side), order=order)
     if result.second is None:
         return result.first.reshape(wanted.shape + shape)
     return result.second.reshape(wanted.shape + shape + shape)
@@ -86,7 +87,7 @@ def sensitivity(record: Record, solve: Solve, of: Any, wrt: str | Sequence[str],
 def actuator_wrench(record: Record, solve: Solve, tube: int, side: int) -> tuple[float, float]:
     """Force and torque of the actuator on a tube's base."""
     carrier = index(tube, "tube", len(record.robot.tubes))
-    force = record.push(carrier, _checked(side))
+    force = record.push(carrier, side_of(side))
     if force is None:
         solved = solve()
         wanted, moving = output(("actuator_wrench", carrier), solved.configuration), _joints(solved, "translations")
@@ -134,9 +135,3 @@ def kinks(record: Record, solve: Solve) -> tuple[int, ...]:
 def _joints(solved: Solved, *names: str) -> list[NamedNumber]:
     configuration = solved.configuration
     return chosen(parameters(configuration.robot, configuration.actuation), names)
-
-
-def _checked(side: int) -> int:
-    if side not in (1, -1):
-        raise DefinitionError(f"side = {side!r} must be 1 or -1")
-    return side

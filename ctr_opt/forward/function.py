@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..checks import Array, array, whole
+from ..checks import Array, array, names_of, whole
 from ..errors import DefinitionError
 from ..mechanics.fields import material_frame
 from ..mechanics.state import State, slices
@@ -25,6 +25,7 @@ from .sensitivity import Solved
 
 _NEWTON = {"abstol": 1e-10, "max_iter": 30, "error_on_fail": False, "show_eval_warnings": False}
 _ACCEPTED = 1e-8  # scaled residual: for flexible robots, rounding errors alone leave more than ``abstol``
+_MOST_STEPS = 1000  # of a section: more would be built for minutes
 _SLACK = 1e-6  # of the length: optimizers overstep their bounds a little
 
 
@@ -34,8 +35,9 @@ def forward_function(robot: Robot, initial: Any, wrt: Any, along: Any, steps: An
         raise DefinitionError(f"initial = {initial!r} must be an Equilibrium of this problem's robot")
     if isinstance(wrt, str):
         raise DefinitionError(f"wrt = {wrt!r} must be a list of names, like wrt=[{wrt!r}]")
-    count = None if steps is None else whole(steps, "steps", 1)
-    places = np.zeros(0) if np.shape(along) == (0,) else array(along, "along", (None,), unit="m")
+    wrt, count = names_of(wrt, "wrt"), None if steps is None else whole(steps, "steps", 1, _MOST_STEPS)
+    empty = isinstance(along, (list, tuple)) and not along
+    places = np.zeros(0) if empty else array(along, "along", (None,), unit="m")
     return _forward_map(initial.solved(), wrt, places, count)
 
 

@@ -149,15 +149,15 @@ class ForwardProblem:
         >>> problem.solve(ctr.Actuation([0.0], [0.0]), [push]).converged
         True
         """
-        return self.solver.solve(actuation, as_loads(loads), initial, throw)
+        return self.solver.solve(actuation, as_loads(loads), initial, flag(throw, "throw"))
 
-    def neighbour(self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium) -> Equilibrium | None:
+    def neighbour(self, actuation: Actuation, loads: Sequence[Load], initial: Equilibrium) -> Equilibrium | None:
         """The equilibrium next to ``initial`` on the same branch, or None if that is in doubt.
 
         It works like :meth:`solve`, except that the general solver is not tried if compiled code supports the loads.
         After None, take a shorter step.
         """
-        return self.solver.neighbour(actuation, loads, initial)
+        return self.solver.neighbour(actuation, as_loads(loads), initial)
 
     def solve_many(
         self,

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Array, array
+from ..checks import Array, array, freezing
 from ..layout.configuration import Configuration, Scales
 from ..layout.ends import Ends
 from ..loads.kind import Load
@@ -134,7 +134,7 @@ class Outcome:
     solve_time: float = 0.0
     residual_norm: float = np.inf
     discretization_error: float = np.inf
-    jacobian: Array | None = None
+    jacobian: Array | None = attrs.field(default=None, converter=attrs.converters.optional(freezing))
 
     @property
     def path(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from ..checks import listed
 from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration
 from ..loads.kind import Load
@@ -66,7 +67,7 @@ class ForwardSolver:
         """Solve from another equilibrium or from a cold start; with ``throw``, failure raises ``SolveError``."""
         start = None if initial is None else started(initial, self.robot)
         fast = self.compiled_for(loads)
-        if fast is not None and isinstance(actuation, Actuation) and len(actuation.rotations) == len(self.robot.tubes):
+        if fast is not None and self._fits(actuation):
             record = fast.solve(actuation, loads, start)
             if record is not None:
                 return Equilibrium(record)
@@ -75,13 +76,17 @@ class ForwardSolver:
             raise SolveError(result.message, result)
         return result
 
+    def _fits(self, actuation: Any) -> bool:
+        """Whether it is an actuation of this number of tubes; if not, the general solver says so."""
+        return isinstance(actuation, Actuation) and len(actuation.rotations) == len(self.robot.tubes)
+
     def neighbour(self, actuation: Actuation, loads: tuple[Load, ...], initial: Equilibrium) -> Equilibrium | None:
         """The equilibrium next to ``initial`` on the same branch, or None if that is in doubt."""
-        fast = self.compiled_for(loads)
-        if fast is not None and fast.knows(loads):
-            record = fast.solve(actuation, loads, initial.record)
+        fast, start = self.compiled_for(loads), started(initial, self.robot)
+        if fast is not None and fast.knows(loads) and self._fits(actuation):
+            record = fast.solve(actuation, loads, start)
             return None if record is None else Equilibrium(record)
-        result = solve_configuration(self.settings, self.configuration(actuation, loads), initial.record)
+        result = solve_configuration(self.settings, self.configuration(actuation, loads), start)
         return result if result.converged else None
 
 
@@ -89,10 +94,11 @@ def as_loads(loads: Any) -> tuple[Load, ...]:
     """A list of loads as a tuple."""
     if isinstance(loads, Load):
         raise DefinitionError(f"loads = {loads!r} must be a list of loads, like loads=[...]")
-    try:
-        return tuple(loads)
-    except TypeError:
-        raise DefinitionError(f"loads = {loads!r} must be a list of loads") from None
+    checked = tuple(listed(loads, "loads", "a list of loads"))
+    for k, load in enumerate(checked):
+        if not isinstance(load, Load):
+            raise DefinitionError(f"loads[{k}] = {load!r} must be a load, such as a PointWrench")
+    return checked
 
 
 def started(initial: Any, robot: Robot) -> Record:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import Array, index
+from ..checks import Array, index, short
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
 from ..transcription.shape import Shape, Values
@@ -20,8 +20,8 @@ def read(shape: Shape, s: Any, of: Callable[[Values], Array], tube: int | None =
     """Evaluate ``of`` at ``s``, within the robot or a tube: one value, or a leading axis for ``s (k,)``."""
     try:
         points = np.asarray(s, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise DefinitionError(f"s = {s!r} must be a number or a one-dimensional array of numbers, in m") from None
+    except Exception:  # whatever the value's own conversion raises
+        raise DefinitionError(f"s = {short(s)} must be a number or a one-dimensional array of numbers, in m") from None
     if points.ndim > 1:
         raise DefinitionError(f"s has shape {points.shape}, but must be a number or one-dimensional")
     if points.size == 0:

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Array
+from ..checks import Array, freezing
 from ..errors import SolveError
 from ..forward.equilibrium import Equilibrium
 from ..robot.actuation import Actuation
@@ -162,11 +162,11 @@ class InverseKinematicsPath:
         How the path ended, and where and why it breaks off.
     """
 
-    actuations: Array
+    actuations: Array = attrs.field(converter=freezing)
     equilibria: tuple[Equilibrium, ...]
-    position_errors: Array
-    angle_errors: Array
-    waypoints: NDArray[np.intp]
+    position_errors: Array = attrs.field(converter=freezing)
+    angle_errors: Array = attrs.field(converter=freezing)
+    waypoints: NDArray[np.intp] = attrs.field(converter=freezing)
     status: InverseKinematicsStatus
     message: str = ""
 

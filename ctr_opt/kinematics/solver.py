@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import Array, array
+from ..checks import Array, array, frozen
 from ..errors import DefinitionError, SolveError
 from ..forward.batch.rows import rows_of_loads
 from ..forward.equilibrium import Equilibrium
@@ -43,7 +43,7 @@ class InverseSolver:
         self.tolerances, self.criterion, self.starts = tolerances, criterion, starts
         tubes = len(self.robot.tubes)
         usual = np.repeat([1.0, 1.0 / LENGTH], tubes)
-        self.weights = usual if weights is None else array(weights, "weights", (2 * tubes,), above=0.0)
+        self.weights = frozen(usual) if weights is None else array(weights, "weights", (2 * tubes,), above=0.0)
         self.allowed = Allowed.of(self.robot, self.limits)
         self.home = self._home_of(home)
         self._starts = Starts(self.forward, self.allowed, joints_of(self.home))

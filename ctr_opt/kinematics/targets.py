@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ..checks import Array, array, direction, rigid
+from ..checks import Array, array, dimensions, direction, rigid
 from ..errors import DefinitionError
 from ..forward.equilibrium import Equilibrium
 
@@ -29,7 +29,7 @@ class Target:
     @classmethod
     def of(cls, position: Any, axis: Any, pose: Any, fields: tuple[str, str, str] = _FIELDS) -> Target:
         """Make a target from a position, with or without an axis, or from a pose; errors name ``fields``."""
-        if np.shape(position) == (4, 4):
+        if dimensions(position) == 2 and np.shape(position) == (4, 4):
             position, pose = None, position
         if (position is None) == (pose is None):
             raise DefinitionError("give either target_position, with or without target_axis, or target_pose, not both")

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self, cast
 import attrs
 import numpy as np
 
-from ..checks import ARRAY_EQ, Array, Checked, Entry, array, described, unchecked
+from ..checks import ARRAY_EQ, Array, Checked, Entry, array, described, dimensions, unchecked
 from ..errors import DefinitionError
 from .piecewise import PiecewisePolynomial
 
@@ -52,7 +52,7 @@ class _Bend(Entry):
     """Entry for a curvature vector, or a scalar ``kappa`` for ``(kappa, 0, 0)``."""
 
     def checked(self, value: Any, field: str) -> Array:
-        return array([value, 0.0, 0.0] if np.ndim(value) == 0 else value, field, self.shape, unit=self.unit)
+        return array([value, 0.0, 0.0] if dimensions(value) == 0 else value, field, self.shape, unit=self.unit)
 
 
 @attrs.frozen

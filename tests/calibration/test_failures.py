@@ -151,7 +151,7 @@ def test_experiments_that_are_not_there():
             call([0, -1])
     with pytest.raises(ctr.DefinitionError, match="at least one must be left"):
         fit.without(range(4))
-    with pytest.raises(ctr.DefinitionError, match=r"label = 'EI' must be one of tubes\[0\].bending_stiffness"):
+    with pytest.raises(ctr.DefinitionError, match=r"label = 'EI' must be 'tubes\[0\].bending_stiffness"):
         fit.profile("EI")
 
 

@@ -125,7 +125,7 @@ def written(folder, change=lambda text: text):
         (lambda text: text.replace('"tip_force"', '"contacts"\nmost = 1.5'), "unknown[0].most"),
         (
             lambda text: text.replace('"tip_force"', '"point_force"\nnormal = [0, 0, 0]\narc_length = 0.1'),
-            "unknown[0]: normal = [0, 0, 0] has no direction",
+            "unknown[0]: normal = [0.0, 0.0, 0.0] is zero, but must be a direction",
         ),
         (
             lambda text: text.replace('"tip_force"', '"distributed_force"\ncoeficients = 8'),

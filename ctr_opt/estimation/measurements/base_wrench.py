@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, described, unchecked
+from ...checks import ARRAY_EQ, Array, Entry, Table, described, dimensions, unchecked
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList
 from .kind import Measurement, Part, six, vector_sigma
@@ -16,8 +16,8 @@ from .kind import Measurement, Part, six, vector_sigma
 
 def _sigma(value: Any) -> Any:
     """Standard deviations of six components, from a pair of force and moment; a covariance stays as it is."""
-    pair = isinstance(value, (list, tuple, np.ndarray)) and len(value) == 2
-    return six(*value) if pair and all(np.ndim(part) < 2 for part in value) else value
+    pair = isinstance(value, (list, tuple, np.ndarray)) and dimensions(value) and len(value) == 2
+    return six(*value) if pair and all(np.size(part) in (1, 3) and dimensions(part) < 2 for part in value) else value
 
 
 @attrs.frozen(eq=False, slots=False)

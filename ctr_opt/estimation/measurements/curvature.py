@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, array, described, unchecked
+from ...checks import ARRAY_EQ, Array, Entry, Table, array, described, dimensions, unchecked
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place, Stacked
 from .kind import Measurement, Part, places
@@ -45,7 +45,7 @@ class CurvatureMeasurement(Measurement):
     parts = (Part("curvatures", "curvature", "1/m"),)
 
     def _check(self) -> None:
-        rows = np.atleast_2d(array(self.curvature, "curvature", (None,) * np.ndim(self.curvature), unit="1/m"))
+        rows = np.atleast_2d(array(self.curvature, "curvature", (None,) * dimensions(self.curvature), unit="1/m"))
         if rows.shape not in ((len(self.arc_length), 2), (len(self.arc_length), 3)):
             raise DefinitionError(
                 f"curvature has shape {rows.shape}, but must have shape ({len(self.arc_length)}, 2) or "

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import attrs
 import numpy as np
 
-from ...checks import Array, Checked, Entry, array, described, index, number
+from ...checks import SMALLEST, Array, Checked, Entry, array, described, dimensions, frozen, index, number
 from ...errors import DefinitionError
 from ...layout.observables import Distal, Observable, ObservedList, Place, Stacked
 
@@ -29,11 +29,11 @@ def places(value: Any) -> tuple[Place, ...]:
         return (value,)
     if isinstance(value, (list, tuple)) and any(item is None or isinstance(item, Distal) for item in value):
         return tuple(item if item is None or isinstance(item, Distal) else _length(item) for item in value)
-    if np.ndim(value) == 0:
+    if dimensions(value) == 0:
         return (_length(value),)
-    if len(value) == 0:
-        raise DefinitionError("arc_length = [] must hold at least one place")
     lengths = array(value, "arc_length", (None,), unit="m")
+    if not len(lengths):
+        raise DefinitionError("arc_length = [] must hold at least one place")
     return tuple(_length(item) for item in lengths) if (lengths < 0.0).any() else tuple(lengths.tolist())
 
 
@@ -161,7 +161,7 @@ class Measurement(Checked, ABC):
             return self.whitener
         size = self.shape[1]
         variances = (np.linalg.inv(self.whitener) ** 2).sum(axis=(1, 2)) / size
-        return np.asarray(np.eye(size) / np.sqrt(variances)[:, None, None])
+        return frozen(np.eye(size) / np.sqrt(variances)[:, None, None])
 
     def whitener_for(self, loss: str) -> Array:
         """The whitener under a loss; the loss ``"distance"`` weighs all axes equally."""
@@ -190,11 +190,11 @@ def whitening(sigma: Any, blocks: int, size: int, field: str = "sigma") -> Array
     A number is the standard deviation of every component; ``(size,)`` holds one for each axis. ``(size, size)`` is the
     covariance of every block; ``(blocks, size, size)`` holds one for each block.
     """
-    if np.ndim(sigma) == 0:
+    if dimensions(sigma) == 0:
         return _of_one_deviation(number(sigma, field, above=0.0), blocks, size)
-    spread = array(sigma, field, (None,) * np.ndim(sigma))
+    spread = array(sigma, field, (None,) * dimensions(sigma))
     if spread.shape == (size,):
-        if not (spread > 0.0).all():
+        if not (spread >= SMALLEST).all():
             raise DefinitionError(f"{field} = {spread.tolist()} must be positive, one for each axis")
         return np.broadcast_to(np.diag(1.0 / spread), (blocks, size, size))
     if spread.shape not in ((size, size), (blocks, size, size)):

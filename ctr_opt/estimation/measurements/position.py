@@ -7,9 +7,8 @@ from functools import lru_cache, partial
 from typing import Any
 
 import attrs
-import numpy as np
 
-from ...checks import ARRAY_EQ, Array, Entry, Table, array, unchecked
+from ...checks import ARRAY_EQ, Array, Entry, Table, array, dimensions, unchecked
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place
 from .kind import POINTS, Measurement, distances, places, sensor_name, vector_sigma
@@ -55,7 +54,7 @@ class PositionMeasurement(Measurement):
     parts = (POINTS,)
 
     def _check(self) -> None:
-        points = array(self.position, "position", (None,) * np.ndim(self.position), unit="m")
+        points = array(self.position, "position", (None,) * dimensions(self.position), unit="m")
         if points.shape not in ((3,), (len(self.arc_length), 3)) or (points.ndim == 1 and len(self.arc_length) != 1):
             raise DefinitionError(
                 f"position has shape {points.shape}, but must have shape ({len(self.arc_length)}, 3), a row for each "

@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from ...checks import Array, Entry, Table, direction
+from ...checks import Array, Entry, Table, dimensions, direction
 from ...errors import DefinitionError
 from ...layout.observables import Observable, ObservedList, Place
 from .kind import DIRECTIONS, Measurement, place, sensor_name
@@ -49,7 +49,7 @@ class TangentMeasurement(Measurement):
     parts = (DIRECTIONS,)
 
     def _check(self) -> None:
-        if self.sigma is not None and np.ndim(self.sigma):
+        if self.sigma is not None and dimensions(self.sigma):
             raise DefinitionError(f"sigma = {self.sigma!r} must be one number for all axes across the tangent")
 
     @cached_property

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import Array
+from ...solvers.status import SolveStatus
 from ..equilibrium import Equilibrium
 
 
@@ -53,6 +54,11 @@ class Batch(Sequence[Equilibrium]):
     def converged(self) -> NDArray[np.bool_]:
         """Whether each row has an equilibrium, ``(k,)``."""
         return np.array([result.converged for result in self._results], dtype=bool)
+
+    @property
+    def statuses(self) -> list[SolveStatus]:
+        """The status of each row."""
+        return [result.status for result in self._results]
 
     @property
     def tip_position(self) -> Array:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import Array, array
+from ...checks import Array, array, listed
 from ...errors import DefinitionError
 from ...loads.kind import Load
 from ...robot.actuation import Actuation, joints_of
@@ -29,7 +29,7 @@ def rows_of_actuations(actuations: Any, tubes: int) -> tuple[Array, list[Actuati
                 "point: it must be at most 0"
             )
         return np.hstack((rotations, translations)), None
-    objects = _listed(actuations, "actuations", "a list of Actuations, or a pair of rotations and translations")
+    objects = listed(actuations, "actuations", "a list of Actuations, or a pair of rotations and translations")
     for k, actuation in enumerate(objects):
         if not isinstance(actuation, Actuation) or len(actuation.rotations) != tubes:
             raise DefinitionError(f"actuations[{k}] = {actuation!r} must be an Actuation of {tubes} tubes")
@@ -40,7 +40,7 @@ def rows_of_actuations(actuations: Any, tubes: int) -> tuple[Array, list[Actuati
 def rows_of_loads(loads: Any, count: int, rows: str = "actuations") -> list[tuple[Load, ...]]:
     """The loads of every row, from one list for all rows or one list for each; messages call them ``rows``."""
     wanted = f"a list of loads for all {rows}, or a list of such lists, one for each"
-    entries = _listed(loads, "loads", wanted)
+    entries = listed(loads, "loads", wanted)
     if all(isinstance(load, Load) for load in entries):
         return [tuple(entries)] * count
     if len(entries) != count:
@@ -51,14 +51,7 @@ def rows_of_loads(loads: Any, count: int, rows: str = "actuations") -> list[tupl
     for k, row in enumerate(entries):
         if isinstance(row, Load):
             raise DefinitionError(f"loads[{k}] must be a list of loads, like the other entries")
-        for j, load in enumerate(_listed(row, f"loads[{k}]", "a list of loads")):
+        for j, load in enumerate(listed(row, f"loads[{k}]", "a list of loads")):
             if not isinstance(load, Load):
                 raise DefinitionError(f"loads[{k}][{j}] = {load!r} must be a load")
     return [tuple(row) for row in entries]
-
-
-def _listed(value: Any, field: str, wanted: str) -> list[Any]:
-    try:
-        return list(value)
-    except TypeError:
-        raise DefinitionError(f"{field} = {value!r} must be {wanted}") from None

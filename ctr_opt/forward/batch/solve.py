@@ -8,6 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from ...checks import flag
 from ...loads.kind import Load
 from ...robot.actuation import Actuation, actuation_of
 from ...solvers.homotopy import Homotopy, family_of, regular_between
@@ -28,6 +29,7 @@ def solve_rows(
     chained: bool,
 ) -> Batch:
     """Solve all rows; see :meth:`ForwardProblem.solve_many <ctr_opt.ForwardProblem.solve_many>`."""
+    flag(chained, "chained")
     rows, objects = rows_of_actuations(actuations, len(solver.robot.tubes))
     rows_loads = rows_of_loads(loads, len(rows))
     if initial is not None:
