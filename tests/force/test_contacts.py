@@ -191,7 +191,7 @@ def test_outside_the_answer_is_the_best_on_the_surface(touched):
 @pytest.mark.parametrize(
     ("field", "message"),
     [
-        ({"normal": [0.0, 0.0, 0.0]}, "no direction"),
+        ({"normal": [0.0, 0.0, 0.0]}, "must be a direction"),
         ({"arc_length": 0.1, "friction": 0.5}, "requires normal"),
         ({"normal": [1.0, 0.0, 0.0], "friction": 0.5}, "and arc_length"),
         ({"arc_length": 0.1, "normal": [1.0, 0.0, 0.0], "friction": -0.5}, "friction = -0.5"),
