@@ -46,6 +46,7 @@ from .forward.batch.result import Batch
 from .forward.equilibrium import Equilibrium
 from .forward.problem import ForwardProblem
 from .forward.record import BaseMoments
+from .forward.sample import Sample
 from .kinematics.limits import JointLimits
 from .kinematics.problem import InverseKinematicsProblem
 from .kinematics.result import InverseKinematicsPath, InverseKinematicsResult, InverseKinematicsStatus
@@ -78,7 +79,7 @@ __all__ = [
     "ForceMeasurement", "ForwardProblem", "Gravity", "Homotopy", "InverseKinematicsPath",
     "InverseKinematicsProblem", "InverseKinematicsResult", "InverseKinematicsStatus", "Ipopt", "JointLimits",
     "MultipleShooting", "NestingWarning", "Newton", "Parameter", "Plan", "PointForce", "PointMass", "PointWrench",
-    "PolynomialCurvature", "PoseMeasurement", "PositionMeasurement", "PotentialLoad", "Problem", "Robot",
+    "PolynomialCurvature", "PoseMeasurement", "PositionMeasurement", "PotentialLoad", "Problem", "Robot", "Sample",
     "SampledCurvature", "SolveError", "SolveStatus", "Spring", "Straight", "StreamedForce", "TangentMeasurement",
     "TipForce", "TipWrench", "TorqueMeasurement", "Tube", "__version__", "load_plan", "load_problem", "load_robot",
     "precurvature_from_curve", "read_experiments", "save_robot", "save_shape", "sensing", "write_experiments",

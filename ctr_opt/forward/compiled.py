@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import Array, frozen
 from ..layout.configuration import Configuration
@@ -22,7 +23,7 @@ from ..robot.actuation import Actuation
 from ..robot.robot import Robot
 from ..solvers.accuracy import estimate_error_of_nodes
 from ..solvers.status import SolveStatus
-from ..transcription.shape import Shape
+from ..transcription.shape import Shape, Values
 from ..transcription.shooting import NodeStates
 from ..transcription.stability import SecondVariation
 from .attempt import Attempt
@@ -126,6 +127,12 @@ class CompiledProblem:
         for array in attrs.astuple(rates, recurse=False):
             array.setflags(write=False)
         return rates
+
+    def sample(self, of: CompiledRecord, s: Array, left: NDArray[np.intc]) -> Array | None:
+        """Values at ascending arc lengths, a row each (``Sizes.place``); None if the general solver must be used."""
+        values = np.empty((len(s), self.sizes.place["energy"].stop))
+        places = (of.address, len(s), s.ctypes.data, left.ctypes.data, values.ctypes.data)
+        return None if self.native.sample(*self._case(of), *places) else values
 
     def push(self, of: CompiledRecord, tube: int, side: int) -> float | None:
         """The axial force of the actuator on a tube's base, N; None if the general solver must compute it."""
@@ -337,7 +344,11 @@ class CompiledRecord:
         """The states at the nodes."""
         mesh, states = self._block("mesh", "right").reshape(-1, 2), self.sizes.states
         right, left = (self._block(*ends).reshape(-1, states).T for ends in (("right", "left"), ("left", "size")))
-        return Shape(self.configuration, mesh, NodeStates(right[:, :-1], left, right[:, -1]))
+        return _CompiledShape(self, mesh, NodeStates(right[:, :-1], left, right[:, -1]))
+
+    def sample(self, s: Array, left: NDArray[np.intc]) -> Array | None:
+        """Values at ascending arc lengths; None if the general solver must be used."""
+        return None if self._problem is None else self._problem.sample(self, s, left)
 
     @cached_property
     def second_variation(self) -> SecondVariation | None:
@@ -387,6 +398,26 @@ class CompiledRecord:
     def _innermost_at_tip(self) -> int:
         """The innermost tube that ends at ``length``."""
         return Ends.tube_at_tip(self.robot, self.actuation.translations)
+
+
+class _CompiledShape(Shape):
+    """The shape of a compiled solve: values at places come from compiled code."""
+
+    def __init__(self, record: CompiledRecord, mesh: Array, nodes: NodeStates) -> None:
+        super().__init__(record.configuration, mesh, nodes)
+        self._record = record
+
+    def at(self, s: Array, from_left: NDArray[np.bool_] | bool = False) -> Values:
+        """Values at ``s (k,)``: limits from the right; from the left on request and at ``length``."""
+        left = np.broadcast_to(from_left, s.shape) | (s >= self.configuration.length)
+        order = np.lexsort((~left, s))
+        rows = self._record.sample(np.ascontiguousarray(s[order]), left[order].astype(np.intc))
+        if rows is None:
+            return super().at(s, from_left)
+        sorted_back = np.empty_like(rows)
+        sorted_back[order] = rows
+        parts = {name: sorted_back[:, part].T for name, part in self._record.sizes.place.items()}
+        return self.values(s, parts["state"], parts["bent"], parts["twisted"], parts["moments"], parts["energy"][0])
 
 
 def _number(s: float | None) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import Array, index, short
+from ..checks import Array, array, index, short
 from ..errors import DefinitionError
 from ..layout.configuration import Configuration
 from ..transcription.shape import Shape, Values
@@ -16,14 +16,22 @@ from ..transcription.shape import Shape, Values
 _DISPLAY_STEPS = 100  # least number of steps of a grid to draw or save a shape
 
 
-def read(shape: Shape, s: Any, of: Callable[[Values], Array], tube: int | None = None) -> Any:
-    """Evaluate ``of`` at ``s``, within the robot or a tube: one value, or a leading axis for ``s (k,)``."""
+def places_of(s: Any) -> Array:
+    """Check arc lengths: a number, or a one-dimensional array of numbers."""
+    if isinstance(s, np.ma.MaskedArray):
+        s = array(s, "s", (None,) * np.ndim(s))
     try:
         points = np.asarray(s, dtype=np.float64)
     except Exception:  # whatever the value's own conversion raises
         raise DefinitionError(f"s = {short(s)} must be a number or a one-dimensional array of numbers, in m") from None
     if points.ndim > 1:
         raise DefinitionError(f"s has shape {points.shape}, but must be a number or one-dimensional")
+    return points
+
+
+def read(shape: Shape, s: Any, of: Callable[[Values], Array], tube: int | None = None) -> Any:
+    """Evaluate ``of`` at ``s``, within the robot or a tube: one value, or a leading axis for ``s (k,)``."""
+    points = places_of(s)
     if points.size == 0:
         return read(shape, np.zeros(1), of, tube)[:0]
     configuration, flat = shape.configuration, np.atleast_1d(points)
@@ -57,7 +65,7 @@ def poses(shape: Shape, s: Any, tube: int | None) -> Array:
     def of(at: Values, i: int | None = None) -> Array:
         tubes = ends.innermost_along(at.arc_length) if i is None else np.full(len(at.arc_length), i)
         result = np.tile(np.eye(4), (len(tubes), 1, 1))
-        result[:, :3, :3] = _rotations(at.state.orientation, at.state.angles[tubes, np.arange(len(tubes))])
+        result[:, :3, :3] = rotations(at.state.orientation, at.state.angles[tubes, np.arange(len(tubes))])
         result[:, :3, 3] = at.state.position.T
         return result
 
@@ -67,7 +75,7 @@ def poses(shape: Shape, s: Any, tube: int | None) -> Array:
 def moments(at: Values) -> Array:
     """Internal moments ``m (k, 3)`` in the world frame."""
     in_backbone_frame = np.vstack((at.state.bending, at.state.torsion.sum(axis=0)))
-    frames = _rotations(at.state.orientation, np.zeros(in_backbone_frame.shape[1]))
+    frames = rotations(at.state.orientation, np.zeros(in_backbone_frame.shape[1]))
     return np.asarray(np.einsum("kij,jk->ki", frames, in_backbone_frame))
 
 
@@ -81,7 +89,7 @@ def grid(configuration: Configuration) -> Array:
     return points
 
 
-def _rotations(quaternions: Array, angles: Array) -> Array:
+def rotations(quaternions: Array, angles: Array) -> Array:
     """Rotations ``R(q) Rz(angle)``, ``(k, 3, 3)``, from quaternions ``(4, k)``."""
     from scipy.spatial.transform import Rotation
 

@@ -125,6 +125,7 @@ FUNCTIONS = {
     "int *failed",
     "derive": f"{_CASE}, const double *z, int refinements, int side, double s, int frame, double load_at, int tube, "
     "double *jacobian, double *compliance, double *unknowns, int *coincide",
+    "sample": f"{_CASE}, const double *result, int count, const double *s, const int *left, double *values",
     "push": f"{_CASE}, const double *z, int refinements, int tube, int side, double *force",
     "models": f"{_CASES}, const double *z, int count, int refinements, int side, const Asked *asked, "
     "const Answer *answers, int *failed",
@@ -162,6 +163,12 @@ class Sizes:
         ends = accumulate(sizes.values(), lambda a, b: (a[0] + b[0], a[1] + b[1]), initial=(0, 0))
         return dict(zip((*sizes, "size"), ends, strict=True))
 
+    @cached_property
+    def place(self) -> dict[str, slice]:
+        """Parts of the values at a place: state, curvatures, tubes' moments, density of elastic energy."""
+        n = self.tubes
+        return slices({"state": self.states, "bent": 2, "twisted": n, "moments": 3 * n, "energy": 1})
+
     def at(self, block: str, steps: int) -> int:
         """The beginning of a block in a result with this number of steps; ``"size"``: the end of the result."""
         fixed, step = self._blocks[block]
@@ -170,6 +177,8 @@ class Sizes:
     def results(self) -> str:
         """C text of the beginnings of the blocks of results, and of the parts of ``start``."""
         parts = {f"START_{name.upper()}": part.start for name, part in self.start.items()}
+        parts |= {f"PLACE_{name.upper()}": part.start for name, part in self.place.items()}
+        parts |= {"PLACE_SIZE": self.place["energy"].stop}
         rows = [f"#define RESULT_{name.upper()}(n) ({a} + {b} * (n))\n" for name, (a, b) in self._blocks.items()]
         return "".join(rows) + enum(parts)
 

@@ -225,6 +225,32 @@ EXPORT int models(const Robot *robot, const Loads *const *loads, const double *a
   return failures;
 }
 
+/* The values at `count` places in ascending order, PLACE_SIZE numbers each, dimensionless; `left`: limits from the left. */
+EXPORT int sample(const Robot *robot, const Loads *loads, const double *actuation, const double *result, int count,
+                  const double *s, const int *left, double *values) {
+  empty();
+  Layout layout, places;
+  Case c;
+  int *node = take(sizeof(int) * count);
+  int failed = node ? again(robot, loads, actuation, (int)result[R_REFINEMENTS], 1.0, &layout) : NO_MEMORY;
+  if (!failed && layout.steps != (int)result[R_STEPS]) failed = REFUSED;
+  if (!failed) failed = step_to_places(&layout, count, s, left, &places, node);
+  if (!failed) failed = pack(&places, &RK8, &c);
+  if (failed) return failed;
+  const double *right = result + RESULT_RIGHT(layout.steps), *before = result + RESULT_LEFT(layout.steps);
+  const int size = column_size(&RK8), last = last_node(&RK8);
+  for (int k = 0; k < count; k++) {
+    const double *column = c.columns + (size_t)k * size, *data[PARTS];
+    double *value = values + (size_t)k * PLACE_SIZE, *x = value + PLACE_STATE;
+    const int ends = s[k] >= layout.step[node[k]].end;
+    memcpy(x, ends ? before + (size_t)node[k] * NX : right + (size_t)node[k] * NX, sizeof(double) * NX);
+    if (!ends && column[0] > 0.0) advance(&c.track, column, c.flags[k], x, NULL);
+    at_node(&c.track, column, last, data);
+    at_place(x, data, value + PLACE_BENT, value + PLACE_TWISTED, value + PLACE_MOMENTS, value + PLACE_ENERGY);
+  }
+  return 0;
+}
+
 /* Force on a tube's base against advancing or drawing it back. */
 EXPORT int push(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
                 int tube, int side, double *force) {

@@ -64,7 +64,7 @@ class Equations:
             Routine("behind", point, {"y": boundary.jump(self.state, *self._load).joined()}),
             Routine("behind_slopes", point, {"inner": turned, "outer": _nonzeros(self._behind)}),
             Routine("attitude", x, {"frame": frame, "inner": turned}),
-            *(self._hamiltonian(), _transmission(), _straightened()),
+            *(self._at_place(), self._hamiltonian(), _transmission(), _straightened()),
         ]
         return common if self.kind.live else [*common, *self._second_variation()]
 
@@ -159,6 +159,14 @@ class Equations:
         """Derivative of the state behind a point load by the state in front of it and ``phi``."""
         after = boundary.jump_at(self.state, *self._load, self.turned_frame).joined()
         return self._there(ca.jacobian(after, ca.vertcat(self.x, self.turn)))
+
+    def _at_place(self) -> Routine:
+        """Curvatures, tubes' moments and the density of elastic energy at a place."""
+        bent, twisted = rod.curvature(self.state, self.local)
+        moments = ca.vertcat(*rod.tube_moments(self.state.angles, bent, twisted, self.local))
+        energy = rod.elastic_density(self.state.angles, bent, twisted, self.local)
+        outputs = {"bent": bent, "twisted": twisted, "moments": moments, "energy": energy}
+        return Routine("at_place", self._inputs, outputs)
 
     def _hamiltonian(self) -> Routine:
         """The Hamiltonian and its derivatives by state and data."""

@@ -24,7 +24,7 @@ from .routines import array, enum
 _NUMBERS = {"SAME_POINT": SAME_POINT, "LARGEST_TURN": LARGEST_TURN, "MOST_STEPS": float(MOST_STEPS), "MARGIN": MARGIN}
 _HEADERS = (  # behind the generated text; trigonometry.h stands before it
     *("dense.h", "sweep.h", "layout.h", "pack.h", "shooting.h", "newton.h", "stability.h"),
-    *("directions.h", "forcing.h", "actuators.h", "model.h", "sided.h", "driver.c"),
+    *("directions.h", "forcing.h", "actuators.h", "model.h", "sided.h", "sample.h", "driver.c"),
 )
 _INTEGRATORS = ("RK4", "RK8")  # coarse and fine
 _TABLEAU = ("matrix", "weights", "nodes", "fifth", "third")

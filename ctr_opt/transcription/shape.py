@@ -90,6 +90,10 @@ class Shape:
         layout = StepColumns(self.configuration.tube_count, 1, self.configuration.kind)
         local = layout.pack(self.configuration, pieces, np.ones(1), middle)
         bent, twisted, moments, energy = self.functions.many("local", states, local)
+        return self.values(s, states, bent, twisted, moments, energy[0])
+
+    def values(self, s: Array, states: Array, bent: Array, twisted: Array, moments: Array, energy: Array) -> Values:
+        """Values in SI from dimensionless ones, a column for each arc length."""
         scales, tubes = self.configuration.scales, self.configuration.tube_count
         return Values(
             s,
@@ -97,7 +101,7 @@ class Shape:
             bent / scales.length,
             twisted / scales.length,
             moments.reshape(tubes, 3, -1) * scales.moment,
-            energy[0] * scales.force,
+            energy * scales.force,
         )
 
     @cached_property

@@ -117,6 +117,7 @@ METHODS = (
     "guess",
     "neighbour",
     "function",
+    "sample",
     "position",
     "pose",
     "curvature",
@@ -160,7 +161,14 @@ def methods():
     estimate, kinematics = force.solve(held, seen), ctr.InverseKinematicsProblem(robot)
     solve = {"actuation": held, "loads": loads, "initial": shape}
     options = {"formulation": "automatic", "method": None, "integrator": "RK8", "tolerance": 1e-7, "compiled": None}
-    at = {"position": {}, "pose": {"tube": 0}, "curvature": {}, "torsion": {"tube": 0}, "tube_moment": {"tube": 0}}
+    at = {
+        "sample": {},
+        "position": {},
+        "pose": {"tube": 0},
+        "curvature": {},
+        "torsion": {"tube": 0},
+        "tube_moment": {"tube": 0},
+    }
     rates = {"jacobian": {"s": 0.02, "side": 1}, "compliance": {"s": 0.02, "load_at": 0.03, "tube": 0}}
     rates |= {"sensitivity": {"of": "tip_position", "wrt": "rotations", "order": 1, "side": 1}}
     rates |= {"actuator_wrench": {"tube": 0, "side": 1}}
