@@ -30,7 +30,16 @@ from .attempt import Attempt
 from .record import BaseMoments, Outcome, PoseRate, PoseRates, SolvedRecord
 from .settings import Settings
 
+_TOO_FAR = (Failure.DIVERGED, Failure.SINGULAR, Failure.PERHAPS_ANOTHER_BRANCH)
 _STEPS = 24  # room for this number of steps in a result, until one needs more
+
+
+class PathEnded(Exception):  # noqa: N818 - never leaves this package
+    """A continuation from another equilibrium ended on its way."""
+
+    def __init__(self, reached: float, steps: int) -> None:
+        super().__init__(f"at {reached:g} of the way, after {steps} steps")
+        self.reached, self.steps = reached, steps
 
 
 class CompiledProblem:
@@ -50,8 +59,13 @@ class CompiledProblem:
         self._goal = ctypes.addressof(self._tolerances)
         self._mine = threading.local()
 
-    def solve(self, actuation: Actuation, loads: tuple[Load, ...], initial: Record | None) -> CompiledRecord | None:
-        """Solve from another equilibrium, or from a cold start."""
+    def solve(
+        self, actuation: Actuation, loads: tuple[Load, ...], initial: Record | None, far: bool = False
+    ) -> CompiledRecord | None:
+        """Solve from another equilibrium, or from a cold start.
+
+        With ``far`` the other equilibrium may be followed in steps; raises ``PathEnded`` if that ends on its way.
+        """
         begin = perf_counter()
         start = None if initial is None else self._start(initial)
         rows, inputs = self._inputs(actuation, loads)
@@ -68,9 +82,24 @@ class CompiledProblem:
             if not failed:
                 record = CompiledRecord(self, actuation, loads, numbers, address, perf_counter() - begin)
                 return None if start is None and self.rejects(record) else record
+            if failed in _TOO_FAR and far and isinstance(initial, CompiledRecord):
+                failed = self._travel(initial, rows, inputs, address, size)
+                if not failed:
+                    return CompiledRecord(self, actuation, loads, numbers, address, perf_counter() - begin)
+                if failed == Failure.PATH_ENDED:
+                    raise PathEnded(numbers[Head.REACHED], int(numbers[Head.STEPS_OF_PATH]))
             if failed != Failure.TOO_SMALL:
                 return None
             self._make_room(2 * int(numbers[Head.NEEDED]))
+
+    def _travel(self, initial: CompiledRecord, rows: LoadRows, inputs: int, address: int, size: int) -> int:
+        """Follow another equilibrium in steps; why that failed, or 0."""
+        before = rows if initial.loads == self._mine.loads else LoadRows.of(self.robot, initial.loads)
+        if before is None:
+            return Failure.REFUSED
+        joints = np.concatenate((initial.actuation.rotations, initial.actuation.translations))
+        ways = (self._address, before.address, joints.ctypes.data, rows.address, inputs, initial.start)
+        return int(self.native.travel(*ways, self._goal, address, size))
 
     def _make_room(self, size: int) -> None:
         self._room = size, ctypes.c_double * size
@@ -268,6 +297,13 @@ class CompiledRecord:
         return int(self.numbers[Head.REFINEMENTS])
 
     @property
+    def _way(self) -> str:
+        """The way that the solve took."""
+        if self.cold:
+            return "homotopy"
+        return "continuation from initial" if self.numbers[Head.STEPS_OF_PATH] else "newton from initial"
+
+    @property
     def cold(self) -> bool:
         """Whether the solve was a cold start."""
         return bool(self.numbers[Head.COLD])
@@ -321,7 +357,7 @@ class CompiledRecord:
         jacobian, error = self._inspected
         return Outcome(
             SolveStatus.CONVERGED,
-            (Attempt("homotopy" if self.cold else "newton from initial", int(self.numbers[Head.ITERATIONS])),),
+            (Attempt(self._way, int(self.numbers[Head.ITERATIONS])),),
             solve_time=self._time,
             residual_norm=float(self.numbers[Head.RESIDUAL]),
             discretization_error=error * self.length,

@@ -117,7 +117,7 @@ def kinks(record: Record, solve: Solve) -> tuple[int, ...]:
     """The tubes whose derivatives by translation differ between the two sides."""
     rates = record.rates(PoseRate())
     if rates is not None and (back := record.rates(PoseRate(side=-1))) is not None:
-        suspects = np.flatnonzero(rates.coincide & (record.actuation.translations < 0.0)).tolist()
+        suspects = np.flatnonzero(rates.coincide & (record.actuation.translations < -record.ends.slack)).tolist()
         both, apart = [rates, back], _APART_BESIDE
         moved = [np.vstack((side.jacobian, side.unknowns))[:, len(rates.coincide) :] for side in both]
     else:

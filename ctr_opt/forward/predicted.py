@@ -30,7 +30,7 @@ def predicted(record: Record, wanted: Observable, names: Sequence[str], side: in
     if wanted.name in ("position", "pose") and wanted.tube is None:
         if set(names) <= set(_JOINTS):
             return _by_joints(record, wanted, names, side)
-        if _several_end_at(record.ends, wanted):
+        if "translations" in names and _several_end_at(record.ends, wanted):
             return None  # the frame may become that of another tube
     place = wanted.place if isinstance(wanted.place, float) else np.nan
     if wanted.tube is not None and place >= record.ends.of(wanted.tube) - record.ends.slack:

@@ -14,7 +14,7 @@ from .values import moments, places_of, rotations
 
 @attrs.frozen(eq=False)
 class Sample:
-    """All values of a shape at some arc lengths, as :meth:`Equilibrium.sample <ctr_opt.Equilibrium.sample>` returns them.
+    """All values of a shape at some arc lengths: what :meth:`Equilibrium.sample <ctr_opt.Equilibrium.sample>` gives.
 
     Arrays are read-only. A single arc length gives arrays without the leading axis ``k``. Tubes that have ended are not
     a number. Where a value jumps, it is the limit from the right; at a tube's end and at the tip, from the left.

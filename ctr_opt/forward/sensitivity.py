@@ -120,7 +120,11 @@ def _carrier(problem: ParametricProblem, wanted: Observable, column: int, sign: 
 def _sign(problem: ParametricProblem, column: int, side: int) -> float:
     """The side from which a derivative is taken; a base at the entry point can only be drawn back."""
     part = problem.parts.get("translations")
-    at_bound = part is not None and part.start <= column < part.stop and problem.nominal[column] >= 0.0
+    at_bound = (
+        part is not None
+        and part.start <= column < part.stop
+        and problem.nominal[column] >= -problem.configuration.ends.slack
+    )
     return -1.0 if at_bound else float(side)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 from ..checks import listed
 from ..errors import DefinitionError, SolveError
 from ..layout.configuration import Configuration
@@ -13,8 +15,13 @@ from ..mechanics.kind import DEAD, Kind, kind_of
 from ..native.library import library
 from ..robot.actuation import Actuation
 from ..robot.robot import Robot
-from .compiled import CompiledProblem, Record
+from ..solvers.homotopy import SINGULAR
+from ..solvers.status import SolveStatus
+from .attempt import Attempt, Failed
+from .compiled import CompiledProblem, PathEnded, Record
+from .continuation import Route
 from .equilibrium import Equilibrium
+from .run import Run
 from .settings import Settings
 from .ways import solve_configuration
 
@@ -68,10 +75,41 @@ class ForwardSolver:
         start = None if initial is None else started(initial, self.robot)
         fast = self.compiled_for(loads)
         if fast is not None and self._fits(actuation):
-            record = fast.solve(actuation, loads, start)
-            if record is not None:
-                return Equilibrium(record)
-        result = solve_configuration(self.settings, self.configuration(actuation, loads), start)
+            try:
+                record = fast.solve(actuation, loads, start, far=True)
+                if record is not None:
+                    return Equilibrium(record)
+            except PathEnded as ended:
+                failed = self._folded(fast, self.configuration(actuation, loads), start, ended)
+                if failed is not None:
+                    return self._thrown(failed, throw)
+        return self._thrown(solve_configuration(self.settings, self.configuration(actuation, loads), start), throw)
+
+    def _folded(
+        self, fast: CompiledProblem, target: Configuration, start: Record | None, ended: PathEnded
+    ) -> Equilibrium | None:
+        """The record of a continuation that ended at a fold, with the last equilibrium; None if it is no clear fold."""
+        assert start is not None
+        there = Route(start.configuration, target, self.settings.integrator).configuration(ended.reached)
+        try:
+            last = fast.solve(there.actuation, there.loads, start, far=True)
+        except PathEnded:
+            return None
+        if last is None:
+            return None
+        jacobians = start.outcome.jacobian, last.outcome.jacobian
+        sizes = [0.0 if jacobian is None else np.linalg.svd(jacobian, compute_uv=False)[-1] for jacobian in jacobians]
+        if not sizes[1] < SINGULAR * sizes[0]:
+            return None
+        run = Run(self.settings, target, start)
+        run.attempts.append(Attempt("continuation from initial", last.outcome.iterations, ended.reached))
+        reason = f"{SolveStatus.FOLD.description}, {ended} (the Jacobian may have been singular on the way)"
+        z = last.base.unknowns(target.scales, target.kind.live)
+        failure = Failed(SolveStatus.FOLD, f"continuation from initial: {reason}", z, ended.reached)
+        return Equilibrium(run.failure(failure), Equilibrium(last))
+
+    @staticmethod
+    def _thrown(result: Equilibrium, throw: bool) -> Equilibrium:
         if throw and not result.converged:
             raise SolveError(result.message, result)
         return result

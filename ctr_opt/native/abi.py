@@ -111,6 +111,8 @@ class Head:
     ITERATIONS, RESIDUAL, STEPS, LENGTH, REFINEMENTS, NEEDED, COLD = range(7)
     ERROR = 7  # of positions over the length; negative if only an upper bound is known
     FAR = 8  # the start was so far away that Broyden's method failed or was slow
+    STEPS_OF_PATH = 9  # of a continuation from another equilibrium; 0: none was needed
+    REACHED = 10  # how far a continuation got that ended
 
 
 _HEAD = 16  # numbers in front of a result's blocks
@@ -120,6 +122,8 @@ _CASE = "const Robot *robot, const Loads *loads, const double *actuation"
 _CASES = "const Robot *robot, const Loads *const *loads, const double *actuations"
 FUNCTIONS = {
     "warm": f"{_CASE}, const double *start, const Goal *goal, double *result, long capacity",
+    "travel": "const Robot *robot, const Loads *from_loads, const double *from, const Loads *loads, "
+    "const double *actuation, const double *start, const Goal *goal, double *result, long capacity",
     "cold": f"{_CASE}, const Goal *goal, double *result, long capacity",
     "many": f"{_CASES}, int count, const double *first, int chained, const Goal *goal, double *results, long size, "
     "int *failed",
@@ -178,7 +182,7 @@ class Sizes:
         """C text of the beginnings of the blocks of results, and of the parts of ``start``."""
         parts = {f"START_{name.upper()}": part.start for name, part in self.start.items()}
         parts |= {f"PLACE_{name.upper()}": part.start for name, part in self.place.items()}
-        parts |= {"PLACE_SIZE": self.place["energy"].stop}
+        parts |= {"PLACE_SIZE": self.place["energy"].stop, "START_SIZE": self.start["rotations"].stop}
         rows = [f"#define RESULT_{name.upper()}(n) ({a} + {b} * (n))\n" for name, (a, b) in self._blocks.items()]
         return "".join(rows) + enum(parts)
 

@@ -22,7 +22,7 @@ static int moves_at(const Layout *layout, int tube, int at) {
   const Robot *robot = layout->robot;
   for (int k = robot->pieces[tube] + tube + 1; k <= robot->pieces[tube + 1] + tube && at > 0; k++) {
     const double s = layout->translations[tube] + robot->breaks[k];
-    if (s >= -SAME_POINT * layout->length && nearest(layout, fmax(s, 0.0)) == at) return 1;
+    if (s >= -layout->same && nearest(layout, fmax(s, 0.0)) == at) return 1;
   }
   return 0;
 }
@@ -150,7 +150,7 @@ static void start_forces(const Lanes *lanes, Answer *answer) {
   memset(answer->force_rates, 0, sizeof(double) * TUBES * lanes->columns);
   for (int i = 0; i < TUBES; i++) {
     const double torque = lanes->z[2 + i] * moment_scale(layout);
-    const double sigma = SAME_POINT * layout->length - layout->translations[i];
+    const double sigma = layout->same - layout->translations[i];
     const int piece = piece_of(robot, i, sigma);
     double preset[3], by_torque, by_preset[3], by_stiffness[STIFFNESSES];
     double *rates_ = answer->force_rates + (size_t)i * lanes->columns;

@@ -65,7 +65,7 @@ static int check_direction(const Layout *layout, const Lane *lane) {
    model at the coincidence itself has break points advance from a probe, so that only the other side is another. */
 static int two_sided(const Layout *layout, const Asked *asked, int mover, int side) {
   if (mover < 0 || layout->tied[mover]) return mover >= 0;
-  const int back = side < 0 || (mover < TUBES && layout->translations[mover] >= 0.0);
+  const int back = side < 0 || (mover < TUBES && layout->translations[mover] >= -layout->same);
   for (int k = 0; k < asked->probe_count && back; k++) {
     const int point = asked->probes[k].point, tube = (int)point_load(layout, point)->tube;
     const int rides = isnan(point_load(layout, point)->s) && tube == mover;

@@ -56,7 +56,8 @@ static int refine(const Case *first, double *z, double *inverse_, const Tangent 
     memcpy(out + START_CONDITIONS, tangent.residual, sizeof tangent.residual);
     const double head[] = {
         [R_ITERATIONS] = iterations, [R_RESIDUAL] = solution.residual, [R_ERROR] = error, [R_STEPS] = n,
-        [R_LENGTH] = layout->length, [R_REFINEMENTS] = refinements, [R_NEEDED] = needed, [R_COLD] = 0.0, [R_FAR] = far};
+        [R_LENGTH] = layout->length, [R_REFINEMENTS] = refinements, [R_NEEDED] = needed, [R_COLD] = 0.0, [R_FAR] = far,
+        [R_STEPS_OF_PATH] = 0.0};
     memcpy(result, head, sizeof head);
     memcpy(out, solution.z, sizeof solution.z);
     out[START_UNITS] = moment_scale(layout);
@@ -84,8 +85,8 @@ static int turned_far(const double *from, const double *to) {
 
 /* From an equilibrium nearby: the block `start` of its result. The change from there is found by RK4 first, as its error
    hardly changes: it leaves the same tip conditions as it did there. */
-EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation, const double *start, const Goal *goal,
-                double *result, long capacity) {
+static int step_from(const Robot *robot, const Loads *loads, const double *actuation, const double *start,
+                     const Goal *goal, double *result, long capacity) {
   empty();
   Layout layout;
   Case coarse;
@@ -114,6 +115,89 @@ EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation,
   if (failed) return failed;
   const double most = result[R_FAR] != 0.0 ? VERY_REGULAR : REGULAR;
   return regular_between(before, result + RESULT_START(0) + START_JACOBIAN, most) ? 0 : PERHAPS_ANOTHER_BRANCH;
+}
+
+EXPORT int warm(const Robot *robot, const Loads *loads, const double *actuation, const double *start, const Goal *goal,
+                double *result, long capacity) {
+  return step_from(robot, loads, actuation, start, goal, result, capacity);
+}
+
+/* -- continuation from an equilibrium ------------------------------------------------------------------------------------ */
+
+enum { MOST_TRAVEL_STEPS = 400 };
+static const double SMALLEST_TRAVEL_STEP = 1e-5, ON_THE_WAY = 1e-4; /* of the way; errors over the length until its end */
+
+/* Add the loads of one end of the way, multiplied. One that would fall off its tube stays at its end. */
+static void add_loads(const Loads *from, double factor, const double *ends, Loads *to, PointLoad *points, SpanLoad *spans) {
+  for (int k = 0; k < from->points; k++) {
+    PointLoad load = from->point[k];
+    if (load.s > ends[(int)load.tube]) load.s = NAN;
+    for (int r = 0; r < 3; r++) {
+      load.force[r] *= factor;
+      load.moment[r] *= factor;
+    }
+    points[to->points++] = load;
+  }
+  for (int k = 0; k < from->spans; k++) {
+    SpanLoad load = from->span[k];
+    const double end = ends[(int)load.tube];
+    if (load.ends[0] >= end) continue;
+    if (load.ends[1] > end) load.ends[1] = NAN;
+    for (int r = 0; r < 3; r++) {
+      load.force[r] *= factor;
+      load.moment[r] *= factor;
+    }
+    spans[to->spans++] = load;
+  }
+}
+
+/* Follow the equilibrium `start`, at actuation `from` under `from_loads`, to another actuation and other loads: the
+   actuation changes linearly, the loads of the start fade and the others grow. Each step is a warm solve that stays on the
+   branch; refused steps are halved. */
+EXPORT int travel(const Robot *robot, const Loads *from_loads, const double *from, const Loads *loads,
+                  const double *actuation, const double *start, const Goal *goal, double *result, long capacity) {
+  const Goal coarse = {fmax(goal->error, ON_THE_WAY), fmax(goal->residual, ON_THE_WAY)};
+  const size_t points = (size_t)from_loads->points + loads->points, spans = (size_t)from_loads->spans + loads->spans;
+  PointLoad *point = malloc(sizeof(PointLoad) * (points + 1)); /* not in the arena, which every solve empties */
+  SpanLoad *span = malloc(sizeof(SpanLoad) * (spans + 1));
+  double here[START_SIZE], there[2 * TUBES], reached = 0.0, step = 0.5;
+  int failed = point && span ? 0 : NO_MEMORY, taken = 0;
+  memcpy(here, start, sizeof here);
+  for (int tried = 0; !failed && reached < 1.0; tried++) {
+    if (tried == MOST_TRAVEL_STEPS || step < SMALLEST_TRAVEL_STEP) {
+      failed = PATH_ENDED;
+      break;
+    }
+    const double target = fmin(1.0, reached + step);
+    double ends[TUBES];
+    for (int i = 0; i < 2 * TUBES; i++) there[i] = from[i] + target * (actuation[i] - from[i]);
+    for (int i = 0; i < TUBES; i++) {
+      if (target == 1.0) there[TUBES + i] = actuation[TUBES + i];
+      there[TUBES + i] = fmin(there[TUBES + i], 0.0);
+      ends[i] = there[TUBES + i] + robot->breaks[robot->pieces[i + 1] + i];
+    }
+    Loads between = {0, 0, point, span};
+    const Loads *now = target == 1.0 || from_loads == loads ? loads : &between;
+    if (now == &between || target < 1.0) {
+      if (from_loads != loads) add_loads(from_loads, 1.0 - target, ends, &between, point, span);
+      add_loads(loads, from_loads == loads ? 1.0 : target, ends, &between, point, span);
+      now = &between;
+    }
+    const int refused = step_from(robot, now, there, here, target == 1.0 ? goal : &coarse, result, capacity);
+    if (refused == TOO_SMALL || refused == NO_MEMORY) failed = refused;
+    else if (refused) step = 0.5 * (target - reached);
+    else {
+      memcpy(here, result + RESULT_START((int)result[R_STEPS]), sizeof here);
+      reached = target;
+      step *= 2.0;
+      taken++;
+    }
+  }
+  free(point);
+  free(span);
+  if (!failed || failed == PATH_ENDED) result[R_STEPS_OF_PATH] = taken;
+  if (failed == PATH_ENDED) result[R_REACHED] = reached;
+  return failed;
 }
 
 /* A cold start: a coarse integrator follows the path from the straight robot and the fine one finishes. If the coarse one
@@ -145,7 +229,7 @@ EXPORT int inspect(const Robot *robot, const Loads *loads, const double *actuati
   empty();
   Layout layout, finer;
   Case c, halves;
-  int failed = again(robot, loads, actuation, (int)result[R_REFINEMENTS], 1.0, &layout);
+  int failed = again(robot, loads, actuation, (int)result[R_REFINEMENTS], &layout);
   if (!failed) failed = halve(&layout, &finer);
   if (!failed) failed = pack(&layout, &RK8, &c);
   if (!failed) failed = pack(&finer, &RK8, &halves);
@@ -162,7 +246,7 @@ EXPORT int stability(const Robot *robot, const Loads *loads, const double *actua
   for (int cuts = 0; cuts <= MOST_CUTS && negative == UNDECIDED; cuts++) { /* coarse steps may hide something */
     Layout layout;
     Case c;
-    if (again(robot, loads, actuation, refinements + cuts, 1.0, &layout) || pack(&layout, &RK8, &c)) return UNDECIDED;
+    if (again(robot, loads, actuation, refinements + cuts, &layout) || pack(&layout, &RK8, &c)) return UNDECIDED;
     negative = unstable_directions(&c, right, 1 << cuts, margin);
   }
   return negative;
@@ -214,7 +298,7 @@ EXPORT int models(const Robot *robot, const Loads *const *loads, const double *a
   for (int k = 0; k < count; k++) {
     Answer answer = answer_of(answers, k, NZ + asked->count, asked->probe_count);
     Asked here = *asked;
-    Setting setting = {robot, *loads[k], .refinements = refinements, .tip = -1};
+    Setting setting = {robot, *loads[k], .refinements = refinements, .tip = -1, .same = 1.0, .beyond = 1.0};
     here.directions += (size_t)k * asked->count;
     here.probes += (size_t)k * asked->probe_count;
     memcpy(setting.actuation, actuations + k * 2 * TUBES, sizeof setting.actuation);
@@ -232,7 +316,7 @@ EXPORT int sample(const Robot *robot, const Loads *loads, const double *actuatio
   Layout layout, places;
   Case c;
   int *node = take(sizeof(int) * count);
-  int failed = node ? again(robot, loads, actuation, (int)result[R_REFINEMENTS], 1.0, &layout) : NO_MEMORY;
+  int failed = node ? again(robot, loads, actuation, (int)result[R_REFINEMENTS], &layout) : NO_MEMORY;
   if (!failed && layout.steps != (int)result[R_STEPS]) failed = REFUSED;
   if (!failed) failed = step_to_places(&layout, count, s, left, &places, node);
   if (!failed) failed = pack(&places, &RK8, &c);
@@ -256,7 +340,7 @@ EXPORT int push(const Robot *robot, const Loads *loads, const double *actuation,
                 int tube, int side, double *force) {
   empty();
   Layout layout;
-  Setting setting = {robot, *loads, .refinements = refinements, .tip = -1}, beside;
+  Setting setting = {robot, *loads, .refinements = refinements, .tip = -1, .same = 1.0, .beyond = 1.0}, beside;
   memcpy(setting.actuation, actuation, sizeof setting.actuation);
   const Asked nothing = {.count = 0, .probe_count = 0};
   double residual[NZ], slopes_[NZ * NZ], forces[TUBES], rates_[TUBES * NZ];
@@ -282,7 +366,7 @@ EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuatio
   if (mark) memcpy(points, loads->point, sizeof(PointLoad) * mark);
   points[mark] = (PointLoad){.s = s, .tube = 0};
   points[mark + 1] = (PointLoad){.s = load_at, .tube = tube};
-  Setting setting = {robot, {mark + 2, loads->spans, points, loads->span}, .refinements = refinements, .tip = mark}, beside;
+  Setting setting = {robot, {mark + 2, loads->spans, points, loads->span}, .refinements = refinements, .tip = mark, .same = 1.0, .beyond = 1.0}, beside;
   memcpy(setting.actuation, actuation, sizeof setting.actuation);
   Direction directions_[DERIVED];
   for (int k = 0; k < DERIVED; k++) {

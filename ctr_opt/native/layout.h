@@ -29,7 +29,8 @@ typedef struct {
   const Robot *robot;
   const Loads *loads;
   const double *rotations, *translations;
-  double ends[TUBES], length, stiffness, beyond; /* beyond: how far a load may be beyond its tube's end */
+  double ends[TUBES], length, stiffness;
+  double same, beyond; /* distance within which points are one; how far a load may be beyond its tube's end */
   int breaks;
   Break *at;
   int *of_point, *of_span; /* break points of the loads: one each, two each */
@@ -163,7 +164,7 @@ static int place(const Layout *layout, double s, double index, Break *point) {
     return 0;
   }
   if (!(s >= 0.0 && s <= end + layout->beyond)) return REFUSED;
-  *point = (Break){s - end <= SAME_POINT * layout->length ? fmin(s, end) : s, FIXED};
+  *point = (Break){s - end <= layout->same ? fmin(s, end) : s, FIXED};
   return 0;
 }
 
@@ -196,7 +197,7 @@ static int sort_breaks(Layout *layout) {
   layout->tied = layout->last + most;
   memset(layout->tied, 0, sizeof(int) * (TUBES + loads->points));
   int count = 0;
-  const double slack = SAME_POINT * layout->length;
+  const double slack = layout->same;
   all[count++] = (Break){0.0, FIXED};
   for (int i = 0; i < TUBES; i++) /* bases are behind the entry point, or there and can only be drawn back */
     for (int k = robot->pieces[i] + i + 1; k <= robot->pieces[i + 1] + i; k++) {
@@ -351,7 +352,9 @@ static void chain(double slack, double *ends) {
       }
 }
 
-static int lay_out_beyond(const Robot *robot, const Loads *loads, const double *actuation, double beyond, Layout *layout) {
+/* Points are one within `same`, and loads may be beyond their tubes' ends by `beyond`, in SAME_POINT of the length. */
+static int lay_out_within(const Robot *robot, const Loads *loads, const double *actuation, double same, double beyond,
+                          Layout *layout) {
   *layout = (Layout){.robot = robot, .loads = loads, .rotations = actuation, .translations = actuation + TUBES};
   for (int i = 0; i < TUBES; i++) {
     const double end = layout->translations[i] + robot->breaks[robot->pieces[i + 1] + i];
@@ -360,12 +363,13 @@ static int lay_out_beyond(const Robot *robot, const Loads *loads, const double *
     layout->length = fmax(layout->length, end);
     layout->stiffness = fmax(layout->stiffness, stiffness_of(robot, i)[BENDING_STIFFNESS]);
   }
-  chain(SAME_POINT * layout->length, layout->ends);
+  layout->same = same * SAME_POINT * layout->length;
   layout->beyond = beyond * SAME_POINT * layout->length;
+  chain(layout->same, layout->ends);
   const int refused = sort_breaks(layout);
   return refused ? refused : cut_steps(layout);
 }
 
 static int lay_out(const Robot *robot, const Loads *loads, const double *actuation, Layout *layout) {
-  return lay_out_beyond(robot, loads, actuation, 1.0, layout);
+  return lay_out_within(robot, loads, actuation, 1.0, 1.0, layout);
 }

@@ -184,8 +184,8 @@ static int predict(const Case *c, const double *wanted, double *z, double *inver
 
 /* -- continuation from the straight robot ------------------------------------------------------------------------------ */
 
-enum { MOST_PATH_STEPS = 60 };
-static const double PATH_TOLERANCE = 1e-4, SMALLEST_PATH_STEP = 1e-3;
+enum { MOST_PATH_STEPS = 400 };
+static const double PATH_TOLERANCE = 1e-4, SMALLEST_PATH_STEP = 1e-5;
 
 typedef struct {
   double z[NZ], jacobian[NZ * NZ];

@@ -1,12 +1,13 @@
 /* Derivatives by directions that part break points which coincide: one for each side.
 
    The shape is continuous in everything, but where a direction moves a break point past another, its derivative jumps. The
-   derivative from one side is that of the robot right beside, on that side: the mover alone is shifted by a little more
-   than SAME_POINT of the length, so that its break points lie apart from all others in the order that they take there, and
-   pass none that lay apart before. The derivative is then off by its own change over that distance, far below the error of
-   a solve. The unknowns are not solved for again, which changes as little. */
+   derivative from one side is that of the robot right beside, on that side: the mover alone is shifted by half of the
+   distance within which points are one, and points are then one within a quarter of it. So its break points lie apart from
+   those that they coincide with, in the order that they take there, and pass none that lay apart before. The derivative is
+   then off by its own change over that distance, far below the error of a solve. The unknowns are not solved for again,
+   which changes as little. */
 
-static const double LEAST_APART = 3.0, MOST_APART = 1e4; /* of SAME_POINT */
+static const double LEAST_APART = 0.5, MOST_APART = 1e4, SAME_BESIDE = 0.25; /* of SAME_POINT */
 
 /* What is laid out. The point load number `tip`, if it is not negative, rides on the tube that ends at the tip. */
 typedef struct {
@@ -14,14 +15,13 @@ typedef struct {
   Loads loads;
   double actuation[2 * TUBES];
   int refinements, tip;
-  double beyond; /* how far a load may be beyond its tube's end, in SAME_POINT of the length */
+  double same, beyond; /* as for lay_out_within */
 } Setting;
 
-/* The layout of a result, its steps halved as many times as the solve halved them. */
-static int again(const Robot *robot, const Loads *loads, const double *actuation, int refinements, double beyond,
-                 Layout *layout) {
+/* Halve the steps of a layout as many times as the solve halved them. */
+static int halve_again(int refinements, Layout *layout) {
   Layout finer;
-  int failed = lay_out_beyond(robot, loads, actuation, beyond, layout);
+  int failed = 0;
   for (int k = 0; k < refinements && !failed; k++) {
     failed = halve(layout, &finer);
     *layout = finer;
@@ -29,17 +29,23 @@ static int again(const Robot *robot, const Loads *loads, const double *actuation
   return failed;
 }
 
+/* The layout of a result. */
+static int again(const Robot *robot, const Loads *loads, const double *actuation, int refinements, Layout *layout) {
+  const int failed = lay_out(robot, loads, actuation, layout);
+  return failed ? failed : halve_again(refinements, layout);
+}
+
 static double end_of(const Robot *robot, const double *translations, int tube) {
   return translations[tube] + robot->breaks[robot->pieces[tube + 1] + tube];
 }
 
-static int innermost_at_tip(const Robot *robot, const double *translations) {
+static int innermost_at_tip(const Robot *robot, const double *translations, double same) {
   double ends[TUBES], length = 0.0;
   for (int i = 0; i < TUBES; i++) {
     ends[i] = end_of(robot, translations, i);
     length = fmax(length, ends[i]);
   }
-  chain(SAME_POINT * length, ends);
+  chain(same * SAME_POINT * length, ends);
   int tube = 0;
   while (ends[tube] < length) tube++;
   return tube;
@@ -64,15 +70,16 @@ static int set_up(Setting *setting, Layout *layout) {
   SpanLoad *spans;
   if (setting->tip >= 0) {
     if (own_loads(setting, &points, &spans)) return NO_MEMORY;
-    points[setting->tip].tube = innermost_at_tip(setting->robot, setting->actuation + TUBES);
+    points[setting->tip].tube = innermost_at_tip(setting->robot, setting->actuation + TUBES, setting->same);
   }
-  const double beyond = fmax(setting->beyond, 1.0);
-  return again(setting->robot, &setting->loads, setting->actuation, setting->refinements, beyond, layout);
+  const double same = setting->same, beyond = setting->beyond;
+  const int failed = lay_out_within(setting->robot, &setting->loads, setting->actuation, same, beyond, layout);
+  return failed ? failed : halve_again(setting->refinements, layout);
 }
 
 /* Shift a mover to one side. A base at the entry point can only be drawn back. A load at the end of its tube stays on it if
    its own place is shifted. If the tube is drawn back, the load stays where it is, or on the tube if that is the longest. */
-static int shift(Setting *setting, int mover, double by) {
+static int shift(Setting *setting, int mover, double slack, double by) {
   PointLoad *points;
   SpanLoad *spans;
   double *translations = setting->actuation + TUBES, length = 0.0;
@@ -82,11 +89,11 @@ static int shift(Setting *setting, int mover, double by) {
     load->s += load->s + by > end_of(setting->robot, translations, (int)load->tube) ? -fabs(by) : by;
     return 0;
   }
-  if (translations[mover] >= 0.0) by = -fabs(by);
+  if (translations[mover] >= -slack) by = -fabs(by);
   translations[mover] += by;
   if (!(translations[mover] <= 0.0)) return REFUSED;
   for (int i = 0; i < TUBES; i++) length = fmax(length, end_of(setting->robot, translations, i));
-  length *= 1.0 + SAME_POINT;
+  length += SAME_BESIDE * slack;
   for (int k = 0; k < setting->loads.points; k++) /* not those that ride: comparisons with NaN are false */
     if (k != setting->tip && points[k].s > length) points[k].s += 2.0 * by;
   for (int k = 0; k < 2 * setting->loads.spans; k++)
@@ -98,8 +105,9 @@ static int shift(Setting *setting, int mover, double by) {
 static int set_apart(const Setting *setting, double length, int mover, int side, Setting *beside, Layout *layout) {
   for (double apart = LEAST_APART; apart <= MOST_APART; apart *= 2.0) {
     *beside = *setting;
-    beside->beyond = 2.0 * apart;
-    int failed = shift(beside, mover, side * apart * SAME_POINT * length);
+    beside->same = SAME_BESIDE;
+    beside->beyond = 2.0 + 2.0 * apart;
+    int failed = shift(beside, mover, SAME_POINT * length, side * apart * SAME_POINT * length);
     if (!failed) failed = set_up(beside, layout);
     if (failed || !layout->tied[mover]) return failed;
   }

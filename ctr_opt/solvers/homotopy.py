@@ -70,7 +70,7 @@ NEUTRAL = 1e-6
 """Singular values of the Jacobian below this belong to a family of equilibria."""
 
 _CHANGE = 4.0  # factor by which an eigenvalue of the Jacobian may change in a step
-_SINGULAR = 0.05  # smallest singular value over the largest seen on the path, at which an end counts as a fold
+SINGULAR = 0.05  # smallest singular value over the largest seen on the path, at which an end counts as a fold
 
 
 def trace(
@@ -104,7 +104,7 @@ def trace(
         here, reached = corrected, target
         widest = max(widest, _smallest(corrected))
         step *= 3.0 if corrected.iterations <= 2 else 1.6 if corrected.iterations <= 3 else 0.8
-    return Trace(here, reached, steps, iterations, _smallest(here) < _SINGULAR * widest, reason=reason)
+    return Trace(here, reached, steps, iterations, _smallest(here) < SINGULAR * widest, reason=reason)
 
 
 def regular_between(a: Array, b: Array, family: float = 0.0) -> bool:
