@@ -25,7 +25,7 @@ from .reach import unreachable
 from .search import Normal, Search, SearchState
 from .streamed import StreamedForce
 from .unknown import UnknownLoad
-from .window import Belief, Sample, Window
+from .window import Belief, Window, WindowSample
 
 _CLOSE = 0.05  # of the moments' size: a start closer to equilibrium than this is not why a search fails
 _HARDLY = 0.9  # of misfits: if the best loads leave more, to first order, the search is hopeless
@@ -203,7 +203,7 @@ class ForceEstimator:
 
     # -- one sample ------------------------------------------------------------------------------------------------
 
-    def _sample(self, case: Case, time: float) -> Sample | None:
+    def _sample(self, case: Case, time: float) -> WindowSample | None:
         """The sample with the loads that explain it, given the prediction; None if no loads do."""
         predicted = self._window.predicted(time)
         free = self._free(case)
@@ -221,7 +221,7 @@ class ForceEstimator:
         if state is None or self._wild(free.search, state):
             return None
         nothing = _knowing(case, np.zeros(len(self._unit)), np.zeros((len(self._unit),) * 2))
-        return Sample.of(time, case.experiment.actuation, nothing.search, self._unit, state)
+        return WindowSample.of(time, case.experiment.actuation, nothing.search, self._unit, state)
 
     def _free(self, case: Case) -> Case:
         """A search without prior, which stops early if no loads can explain the sample."""

@@ -54,7 +54,7 @@ class Belief:
 
 
 @attrs.frozen(eq=False)
-class Sample:
+class WindowSample:
     """A measured robot at a time, s, linearized at ``state``; ``search`` has no prior.
 
     ``unit`` scales the unknown numbers and errors. ``matrix`` and ``gradient`` are derivatives of the loss in units.
@@ -70,7 +70,7 @@ class Sample:
     gradient: Array
 
     @classmethod
-    def of(cls, time: float, actuation: Actuation, search: Search, unit: Array, state: SearchState) -> Sample:
+    def of(cls, time: float, actuation: Actuation, search: Search, unit: Array, state: SearchState) -> WindowSample:
         """The sample linearized at a state."""
         normal = Normal.of(search, state)
         matrix, gradient = normal.matrix * (unit[:, None] * unit), normal.gradient * unit
@@ -87,14 +87,14 @@ class Sample:
         size = np.abs(step * self.unit / self.search.unknowns.whole_scale)[: len(self.state.x)].max()
         return bool(size * np.sqrt(step @ self.matrix @ step) > _BENT)
 
-    def at(self, mean: Array) -> Sample:
+    def at(self, mean: Array) -> WindowSample:
         """The sample linearized again at ``mean``; unchanged if the model cannot be evaluated there."""
         search, state = self.search, self.state
         whole = np.clip(mean * self.unit, *search.unknowns.whole_bounds)
         x, e = np.split(whole, [len(state.x)])
         z = state.z + state.follow @ np.concatenate(([1.0], x - state.x))
         there = search.at(z, x, self.normal.places(state, whole - self.mean * self.unit), e)
-        return self if there is None else Sample.of(self.time, self.actuation, search, self.unit, there)
+        return self if there is None else WindowSample.of(self.time, self.actuation, search, self.unit, there)
 
 
 class Window:
@@ -106,7 +106,7 @@ class Window:
 
     def __init__(self, before: Belief, drift: Array, horizon: int) -> None:
         self.before, self.since = before, -np.inf
-        self.samples: list[Sample] = []
+        self.samples: list[WindowSample] = []
         self.means: list[Array] = []
         self._predictions: list[Belief] = []
         self._beliefs: list[Belief] = []
@@ -120,7 +120,7 @@ class Window:
         """The state of the last sample before a time, or of the first sample; None without samples."""
         return self.samples[max(bisect_right(self._times, time) - 1, 0)].state if self.samples else None
 
-    def add(self, sample: Sample) -> None:
+    def add(self, sample: WindowSample) -> None:
         """Insert a sample and estimate all samples again; the oldest leaves a full window."""
         first = bisect_right(self._times, sample.time)
         self.samples.insert(first, sample)
