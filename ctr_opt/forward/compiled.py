@@ -9,7 +9,6 @@ from math import cos, sin
 from time import perf_counter
 from typing import Any, TypeAlias
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -147,15 +146,17 @@ class CompiledProblem:
     def derive(self, of: CompiledRecord, wanted: PoseRate) -> PoseRates | None:
         """Derivatives of a pose; None if the general solver must compute them."""
         n, k = self._tubes, self.sizes.unknowns
-        rates = PoseRates(np.empty((6, 2 * n)), np.empty((6, 6)), np.empty((k, 2 * n)), np.empty(n, dtype=np.intc))
-        z = of.unknowns
-        point = (z.ctypes.data, int(of.numbers[Head.REFINEMENTS]), wanted.side, _number(wanted.s), wanted.frame)
-        outputs = (array.ctypes.data for array in attrs.astuple(rates, recurse=False))
+        numbers, coincide = np.empty(12 * n + 36 + 2 * n * k), np.empty(n, dtype=np.intc)
+        address = numbers.ctypes.data
+        outputs = (address, address + 96 * n, address + 96 * n + 288, coincide.ctypes.data)  # of doubles
+        point = (of.start, int(of.numbers[Head.REFINEMENTS]), wanted.side, _number(wanted.s), wanted.frame)
         if self.native.derive(*self._case(of), *point, _number(wanted.load_at), wanted.tube, *outputs):
             return None
-        for array in attrs.astuple(rates, recurse=False):
-            array.setflags(write=False)
-        return rates
+        numbers.setflags(write=False)
+        coincide.setflags(write=False)
+        jacobian, compliance, unknowns = numbers[: 12 * n], numbers[12 * n : 12 * n + 36], numbers[12 * n + 36 :]
+        shapes = jacobian.reshape(6, 2 * n), compliance.reshape(6, 6), unknowns.reshape(k, 2 * n)
+        return PoseRates(*shapes, coincide)
 
     def sample(self, of: CompiledRecord, s: Array, left: NDArray[np.intc]) -> Array | None:
         """Values at ascending arc lengths, a row each (``Sizes.place``); None if the general solver must be used."""
@@ -399,6 +400,10 @@ class CompiledRecord:
         if wanted not in self._rates:
             self._rates[wanted] = None if self._problem is None else self._problem.derive(self, wanted)
         return self._rates[wanted]
+
+    def tip_rates(self, tube: int) -> PoseRates | None:
+        """Derivatives of the tip's pose under a wrench on a tube, if that is the innermost there."""
+        return self.rates(PoseRate(tube=tube)) if tube == self._innermost_at_tip else None
 
     def push(self, tube: int, side: int) -> float | None:
         """The axial force of the actuator on a tube's base, N; None if the general solver must compute it."""

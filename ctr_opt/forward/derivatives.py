@@ -40,6 +40,10 @@ def jacobian(record: Record, solve: Solve, s: float | None, side: int) -> Array:
 
 def compliance(record: Record, solve: Solve, s: float | None, load_at: float | None, carrier: int) -> Array:
     """Derivative of the pose at ``s`` or at the tip by a wrench on a tube, added as a load of zero."""
+    if s is None and load_at is None:
+        rates = record.tip_rates(carrier)
+        if rates is not None:
+            return rates.compliance
     ends = record.ends
     at = None if load_at is None else place_of(load_at, carrier, ends, "load_at")
     reached = ends.length if s is None else place_of(s, None, ends)

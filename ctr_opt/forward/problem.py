@@ -149,7 +149,7 @@ class ForwardProblem:
         >>> problem.solve(ctr.Actuation([0.0], [0.0]), [push]).converged
         True
         """
-        return self.solver.solve(actuation, as_loads(loads), initial, flag(throw, "throw"))
+        return self.solver.solve(actuation, as_loads(loads), initial, throw if throw is True else flag(throw, "throw"))
 
     def neighbour(self, actuation: Actuation, loads: Sequence[Load], initial: Equilibrium) -> Equilibrium | None:
         """The equilibrium next to ``initial`` on the same branch, or None if that is in doubt.

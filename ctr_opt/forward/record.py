@@ -214,6 +214,11 @@ class SolvedRecord:
         del wanted
         return None
 
+    def tip_rates(self, tube: int) -> PoseRates | None:
+        """Derivatives of the tip's pose under a wrench on a tube that is the innermost there, if known; here None."""
+        del tube
+        return None
+
     def push(self, tube: int, side: int) -> float | None:
         """The axial force of the actuator on a tube's base, if known without symbols; here None."""
         del tube, side

@@ -74,7 +74,7 @@ class ForwardSolver:
         """Solve from another equilibrium or from a cold start; with ``throw``, failure raises ``SolveError``."""
         start = None if initial is None else started(initial, self.robot)
         fast = self.compiled_for(loads)
-        if fast is not None and self._fits(actuation):
+        if fast is not None and isinstance(actuation, Actuation) and len(actuation.rotations) == len(self.robot.tubes):
             try:
                 record = fast.solve(actuation, loads, start, far=True)
                 if record is not None:
@@ -132,9 +132,10 @@ def as_loads(loads: Any) -> tuple[Load, ...]:
     """A list of loads as a tuple."""
     if isinstance(loads, Load):
         raise DefinitionError(f"loads = {loads!r} must be a list of loads, like loads=[...]")
-    checked = tuple(listed(loads, "loads", "a list of loads"))
-    for k, load in enumerate(checked):
+    checked = loads if type(loads) is tuple else tuple(listed(loads, "loads", "a list of loads"))
+    for load in checked:
         if not isinstance(load, Load):
+            k = next(k for k, one in enumerate(checked) if one is load)
             raise DefinitionError(f"loads[{k}] = {load!r} must be a load, such as a PointWrench")
     return checked
 

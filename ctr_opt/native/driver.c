@@ -355,7 +355,7 @@ EXPORT int push(const Robot *robot, const Loads *loads, const double *actuation,
 /* Pose rates (position, world turn) at an arc length, or at the tip if that is NaN: with rotations and translations (6 x 2
    TUBES), and with a force and a moment in the world (6 x 6) on a tube at an arc length, or at its end if that is NaN. The
    pose is that of the tube `frame`, or INNERMOST. Also those of the unknowns with rotations and translations (NZ x 2
-   TUBES), and which tubes' break points coincide with others. SI. */
+   TUBES), and which tubes' break points coincide with others. SI, but for the unknowns z at the solution. */
 EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuation, const double *z, int refinements,
                   int side, double s, int frame, double load_at, int tube, double *jacobian, double *compliance, double *unknowns,
                   int *coincide) {
@@ -377,15 +377,16 @@ EXPORT int derive(const Robot *robot, const Loads *loads, const double *actuatio
   const Probe probe_ = {mark, frame};
   const Asked asked = {.directions = directions_, .count = DERIVED, .probes = &probe_, .probe_count = 1};
   Layout layout, there;
-  double total[6 * DERIVED], change[NZ * DERIVED], sided[6 * DERIVED], sided_change[NZ * DERIVED];
+  double si[NZ], total[6 * DERIVED], change[NZ * DERIVED], sided[6 * DERIVED], sided_change[NZ * DERIVED];
   int failed = set_up(&setting, &layout);
-  if (!failed) failed = pose_derivatives(&layout, z, &asked, IDLE, change, total);
+  for (int i = 0; i < NZ && !failed; i++) si[i] = z[i] * unit_of(&layout, i);
+  if (!failed) failed = pose_derivatives(&layout, si, &asked, IDLE, change, total);
   for (int i = 0; i < TUBES && !failed; i++) {
     coincide[i] = layout.tied[i];
     if (!two_sided(&layout, &asked, i, side)) continue;
     const int column = TUBES + i;
     failed = set_apart(&setting, layout.length, i, side, &beside, &there);
-    if (!failed) failed = pose_derivatives(&there, z, &asked, i, sided_change, sided);
+    if (!failed) failed = pose_derivatives(&there, si, &asked, i, sided_change, sided);
     for (int r = 0; r < 6 && !failed; r++) total[r * DERIVED + column] = sided[r * DERIVED + column];
     for (int r = 0; r < NZ && !failed; r++) change[r * DERIVED + column] = sided_change[r * DERIVED + column];
   }

@@ -171,8 +171,8 @@ def test_derivatives_in_compiled_code(index):
 def test_one_sided_derivatives_in_compiled_code(index, riding, monkeypatch):
     """Without symbols, from either side, at the tip and at a place where something ends or begins.
 
-    They are evaluated some 1e-12 of the length beside. A point 1e-12 m away stays on its side. What remains are the errors of both solves, which derivatives
-    amplify to 1e-6 of the largest.
+    They are evaluated some 1e-12 of the length beside; a point 1e-12 m away stays on its side. What remains are the
+    errors of both solves, which derivatives amplify to 1e-6 of the largest.
     """
     given, shape = solved(index, riding)
     other = solve(given, compiled=False, initial=shape)
