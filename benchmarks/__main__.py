@@ -12,7 +12,7 @@ import numpy as np
 
 import ctr_opt as ctr
 
-from . import compilation, reference, scaling, transcriptions
+from . import cliffs, compilation, reference, scaling, transcriptions
 from .memory import growth
 from .methods import COLD, INTEGRATION, WARM, package, scipy
 from .table import Measured, Row, table
@@ -73,10 +73,13 @@ def rows(plan):
 def main(arguments=None):
     """Measure and print; returns the rows of the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("part", nargs="?", choices=["cliffs"], help="cliffs: calls over the price of their neighbours")
     parser.add_argument("--quick", action="store_true", help="a little of everything, in less than a minute")
     parser.add_argument("--memory", type=int, metavar="SOLVES", help="warm solves for memory (100,000; quick: 100)")
     parser.add_argument("--figure", type=Path, metavar="PATH", help=f"of the figure ({FIGURE.relative_to(ROOT)})")
     options = parser.parse_args(arguments)
+    if options.part == "cliffs":
+        return cliffs.main(options.quick)
     plan = QUICK if options.quick else FULL
     print(compilation.line(1 if options.quick else 3), flush=True)
     measurements = list(rows(plan))

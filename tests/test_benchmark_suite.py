@@ -102,3 +102,11 @@ def test_two_trees_take_turns(capsys):
     middle, low, high, microseconds = (float(number) for number in re.findall(r"\d+\.\d+", line))
     assert 0.0 < low <= middle <= high
     assert microseconds > 0.0
+
+
+@pytest.mark.slow
+def test_the_table_of_cliffs_has_all_rows(capsys):
+    main(["cliffs", "--quick"])
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 10
+    assert all(line.count("|") == 6 for line in lines)

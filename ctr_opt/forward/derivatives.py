@@ -96,7 +96,7 @@ def actuator_wrench(record: Record, solve: Solve, tube: int, side: int) -> tuple
         solved = solve()
         wanted, moving = output(("actuator_wrench", carrier), solved.configuration), _joints(solved, "translations")
         force = float(derivatives(solved, wanted, moving, side=side, at=carrier).value[0])
-    return force, -float(record.base.torsional[carrier])
+    return force, -float(record.unknowns[2 + carrier])
 
 
 def base_wrench(solved: Solved) -> Array:

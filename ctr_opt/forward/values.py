@@ -90,9 +90,13 @@ def grid(configuration: Configuration) -> Array:
 
 
 def rotations(quaternions: Array, angles: Array) -> Array:
-    """Rotations ``R(q) Rz(angle)``, ``(k, 3, 3)``, from quaternions ``(4, k)``."""
-    from scipy.spatial.transform import Rotation
-
-    turns = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0]))
-    frames = Rotation.from_quat(np.roll(quaternions, -1, axis=0).T) * turns
-    return np.asarray(frames.as_matrix())
+    """Rotations ``R(q) Rz(angle)``, ``(k, 3, 3)``, from quaternions ``(4, k)`` of any length."""
+    (w, x, y, z), c, s = quaternions, np.cos(0.5 * angles), np.sin(0.5 * angles)
+    w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+    k = 2.0 / (w * w + x * x + y * y + z * z)
+    rows = [
+        [1.0 - k * (y * y + z * z), k * (x * y - w * z), k * (x * z + w * y)],
+        [k * (x * y + w * z), 1.0 - k * (x * x + z * z), k * (y * z - w * x)],
+        [k * (x * z - w * y), k * (y * z + w * x), 1.0 - k * (x * x + y * y)],
+    ]
+    return np.ascontiguousarray(np.array(rows).transpose(2, 0, 1))
