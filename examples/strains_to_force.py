@@ -40,7 +40,7 @@ strains = ux * cores[:, 1] - uy * cores[:, 0] + 40e-6 + 2e-6 * rng.normal(size=(
 # Strains to curvatures, curvatures to the force.
 fibre = curvature_from_strains(strains, cores, sigma=2e-6)
 print(fibre.report(), end="\n\n")
-seen = ctr.CurvatureMeasurement(places, fibre.curvature, sigma=fibre.covariance[:2, :2], tube=0)
+seen = fibre.measurement(places, tube=0)
 estimate = ctr.ForceEstimationProblem(robot, ctr.TipForce()).solve(pose, seen)
 print(estimate.report())
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks import Array, array, flag, number
 from ..errors import DefinitionError
+from ..estimation.measurements import CurvatureMeasurement
 from .noise import covariances_of, deviations_of, numbers, symmetric
 
 _DEGENERATE = 1e-9  # ratio of singular values
@@ -41,6 +42,32 @@ class FibreCurvature:
     def standard_deviations(self) -> Array | None:
         """Standard deviations of ``u_x`` and ``u_y``, ``(2,)`` 1/m; None if the noise of strains is unknown."""
         return None if self.covariance is None else np.sqrt(np.diag(self.covariance)[:2])
+
+    def measurement(self, arc_length: Any, tube: int = 0) -> CurvatureMeasurement:
+        """The curvatures as a measurement of a tube, for a calibration or a force estimate.
+
+        Parameters
+        ----------
+        arc_length
+            Places of the rows on the robot, ``(k,)`` m from the entry point.
+        tube
+            Number of the tube that carries the fibre. Its material frame must be the fibre's.
+
+        Raises
+        ------
+        DefinitionError
+            There is not one place for each row.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> cores = core_ring(35e-6, np.deg2rad([90.0, 210.0, 330.0]))
+        >>> fibre = curvature_from_strains([[3.5e-4, -1.75e-4, -1.75e-4]], cores, sigma=1e-6)
+        >>> fibre.measurement([0.05], tube=1).shape
+        (1, 2)
+        """
+        sigma = None if self.covariance is None else self.covariance[:2, :2]
+        return CurvatureMeasurement(arc_length, self.curvature, sigma, tube)
 
     def report(self) -> str:
         """Describe the ranges of curvature and common strain, and the curvatures' errors, as text."""
