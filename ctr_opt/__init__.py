@@ -19,6 +19,7 @@ from .errors import (
     EstimationError,
     EstimationWarning,
     NestingWarning,
+    PlausibilityWarning,
     SolveError,
 )
 from .estimation.experiment import Experiment
@@ -78,10 +79,11 @@ __all__ = [
     "Experiment", "ExpressionLoad", "Fit", "ForceEstimate", "ForceEstimationProblem", "ForceEstimator",
     "ForceMeasurement", "ForwardProblem", "Gravity", "Homotopy", "InverseKinematicsPath",
     "InverseKinematicsProblem", "InverseKinematicsResult", "InverseKinematicsStatus", "Ipopt", "JointLimits",
-    "MultipleShooting", "NestingWarning", "Newton", "Parameter", "Plan", "PointForce", "PointMass", "PointWrench",
-    "PolynomialCurvature", "PoseMeasurement", "PositionMeasurement", "PotentialLoad", "Problem", "Robot", "Sample",
-    "SampledCurvature", "SolveError", "SolveStatus", "Spring", "Straight", "StreamedForce", "TangentMeasurement",
-    "TipForce", "TipWrench", "TorqueMeasurement", "Tube", "__version__", "load_plan", "load_problem", "load_robot",
+    "MultipleShooting", "NestingWarning", "Newton", "Parameter", "Plan", "PlausibilityWarning", "PointForce",
+    "PointMass", "PointWrench", "PolynomialCurvature", "PoseMeasurement", "PositionMeasurement", "PotentialLoad",
+    "Problem", "Robot", "Sample", "SampledCurvature", "SolveError", "SolveStatus", "Spring", "Straight",
+    "StreamedForce", "TangentMeasurement", "TipForce", "TipWrench", "TorqueMeasurement", "Tube", "__version__",
+    "load_plan", "load_problem", "load_robot",
     "precurvature_from_curve", "read_experiments", "save_robot", "save_shape", "sensing", "write_experiments",
 ]
 # fmt: on

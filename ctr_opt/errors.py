@@ -53,3 +53,7 @@ class EstimationWarning(UserWarning):
 
 class NestingWarning(UserWarning):
     """A tube is wider than the bore of the tube around it."""
+
+
+class PlausibilityWarning(UserWarning):
+    """A number is hardly meant: a unit or the order of tubes may have slipped. The message says which."""

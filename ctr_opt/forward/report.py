@@ -30,7 +30,7 @@ def robot_report(robot: Robot) -> str:
     ]
     for i, tube in enumerate(robot.tubes):
         size = f"{1e3 * tube.outer_diameter:>12.4f}, {1e3 * tube.inner_diameter:<13.4f}  {1e3 * tube.length:>10.3f}"
-        stiffness = f"{tube.bending_stiffness:>10.6f}   {tube.torsional_stiffness:>10.6f}"
+        stiffness = f"{tube.bending_stiffness:>10.4g}   {tube.torsional_stiffness:>10.4g}"
         pieces = " + ".join(type(piece).__name__ for piece in tube.precurvature)
         lines.append(f"  {i} {tube.name[:14]:<14}  {size}   {stiffness}   {pieces}")
     return "\n".join(lines)

@@ -10,7 +10,8 @@ import attrs
 import numpy as np
 
 from ..checks import ARRAY_EQ, Array, choice, rigid
-from ..errors import DefinitionError, NestingWarning
+from ..errors import DefinitionError, NestingWarning, PlausibilityWarning
+from .plausible import doubts
 from .tube import Tube
 
 ON_OVERLAP = ("warn", "error", "ignore")
@@ -49,7 +50,7 @@ class Robot:
         Rotations are accepted up to rounding of 1e-6 and made exact.
     on_overlap
         What to do if a tube is wider than the bore of the next one: ``"warn"`` (published robots
-        overlap), ``"error"`` or ``"ignore"``.
+        overlap), ``"error"`` or ``"ignore"``. With ``"ignore"`` there is no ``PlausibilityWarning``, either.
 
     Raises
     ------
@@ -60,6 +61,9 @@ class Robot:
     -----
     NestingWarning
         A tube is wider than the bore of the next one.
+    PlausibilityWarning
+        A modulus, a diameter or the order of the tubes is hardly meant, for example a diameter in mm. Tubes that are
+        given by their stiffnesses are not judged.
 
     Examples
     --------
@@ -75,6 +79,8 @@ class Robot:
 
     def __attrs_post_init__(self) -> None:
         choice(self.on_overlap, "on_overlap", ON_OVERLAP)
+        for sentence in doubts(self.tubes) if self.on_overlap != "ignore" else ():
+            warnings.warn(sentence, PlausibilityWarning, stacklevel=3)
         report_overlaps(self, self.on_overlap, "")
 
     @property
