@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import Array, index, names_of, side_of, whole
 from ..errors import DefinitionError
@@ -16,7 +17,7 @@ from ..robot.names import NamedNumber, chosen, parameters
 from .compiled import Record
 from .outputs import output, place_of
 from .predicted import predicted
-from .record import PoseRate
+from .record import PoseRate, PoseRates
 from .sensitivity import Solved, derivatives, kinked
 
 _APART = 1e-9  # relative: derivatives from the two sides that differ by less count as equal
@@ -112,16 +113,21 @@ def coincide(record: Record, solve: Solve) -> bool:
     """Whether break points coincide that an actuation can move apart."""
     rates = record.rates(PoseRate())
     if rates is not None:
-        return bool(rates.coincide.any())
+        return bool(_movable(record, rates).any())
     solved = solve()
     return bool(kinked(solved, _joints(solved, "translations")))
+
+
+def _movable(record: Record, rates: PoseRates) -> NDArray[np.bool_]:
+    """Which tubes' break points coincide with others and can be moved to both sides; a base at the entry cannot."""
+    return np.logical_and(rates.coincide, record.actuation.translations < -record.ends.slack)
 
 
 def kinks(record: Record, solve: Solve) -> tuple[int, ...]:
     """The tubes whose derivatives by translation differ between the two sides."""
     rates = record.rates(PoseRate())
     if rates is not None and (back := record.rates(PoseRate(side=-1))) is not None:
-        suspects = np.flatnonzero(rates.coincide & (record.actuation.translations < -record.ends.slack)).tolist()
+        suspects = np.flatnonzero(_movable(record, rates)).tolist()
         both, apart = [rates, back], _APART_BESIDE
         moved = [np.vstack((side.jacobian, side.unknowns))[:, len(rates.coincide) :] for side in both]
     else:
